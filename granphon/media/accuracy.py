@@ -50,7 +50,8 @@ def compute_form_coefficients(shape: Shape) -> tuple[float, float]:
     """Return the skewness and the excess kurtosis of a distribution of diameters that differ. Both
     are zero for a normal distribution without cutoff.
     """
-    x, weights = shape.nodes(0.0, 64, whole=True)  # the mean of x is zero
+    # 64 nodes in each part of the range give the moments to rounding; the mean of x is zero
+    x, weights = shape.nodes(0.0, 64, whole=True)
     second_moment = float(np.sum(weights * x**2))
     third_moment = float(np.sum(weights * x**3))
     fourth_moment = float(np.sum(weights * x**4))
@@ -94,7 +95,7 @@ def explain_uncovered(packing: Packing, truth: FrictionHistory = REST) -> str | 
 
 
 def _explain_balls(packing: Packing, measured_limits: Mapping[str, float]) -> str | None:
-    """Return the reason why balls of a packing were not measured; None if they were.
+    """Return the reason why balls of a packing, which differ, were not measured; None if they were.
 
     ``measured_limits`` holds the largest skewness, of either sign, and the largest excess kurtosis
     of diameters that were measured.
@@ -104,8 +105,7 @@ def _explain_balls(packing: Packing, measured_limits: Mapping[str, float]) -> st
         return "the errors are those of balls that move in the plane alone"
     if packing.torsion or packing.bending:
         return "the errors are those of contacts that resist neither twist nor rolling"
-    if packing.spread is None:
-        return None
+    assert packing.spread is not None  # as balls whose contact forces differ have a spread
     skewness, kurtosis = compute_form_coefficients(packing.spread.shape)
     if abs(skewness) > measured_limits["skewness"] or kurtosis > measured_limits["kurtosis"]:
         return (
@@ -147,8 +147,9 @@ def find_error(
     ``truth`` and so many ``balls`` in all. The error is zero for equal balls and on a line, where
     every medium is exact, and +inf for what the table does not cover, also below its least load.
     Above the greatest load of the table the error falls as the square of the spread over the
-    overlap, the law of high loads; with partial slip, whose contacts are softer by |T|/(3 mu f), as
-    the first power.
+    overlap, the law of high loads. With partial slip the error falls as the first power: a
+    tangential force T softens the contact, of normal force f and friction coefficient mu, by the
+    part |T|/(3 mu f), to first order, and T/f falls as the spread over the overlap.
     """
     if not packing.spread_matters:
         return np.zeros(load.shape)
@@ -210,7 +211,7 @@ def _find_row(
 
 def _interpolate(reduced_load: Array, table_loads: Array, table_errors: Array) -> Array:
     """Return the error at each ``reduced_load``, linear in logarithms between the errors of the
-    table (n,) at its loads (n,).
+    table (n,) at its loads (n,); beyond these it is the error of the nearest.
     """
     log_errors = np.interp(np.log(reduced_load), np.log(table_loads), np.log(table_errors))
     return np.exp(log_errors)

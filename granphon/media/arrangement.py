@@ -38,8 +38,9 @@ from granphon.balls.on_site import (
 from granphon.balls.packing import KIND_PARAMETERS, WALL_PARAMETERS, Packing, given_packing
 from granphon.base.arrays import Array
 from granphon.base.differences import Course
-from granphon.base.errors import InputError
+from granphon.base.errors import InputError, brief
 from granphon.base.text import closest, counted, list_names, spell
+from granphon.base.validation import require_instance
 from granphon.media.cells import QUICK_BALLS, CrystalCell
 from granphon.media.crystal import Crystal, CrystalState, find_mindlin_ratio
 from granphon.media.crystal_courses import CrystalFollower
@@ -88,7 +89,9 @@ class Arrangement:
 
     Raises
     ------
-    InputError : attributes that make no crystal.
+    InputError : ``kinds`` that are no pairs of a name and a ball, or with a name twice, a ``given``
+        that is no crystal, and attributes that make no crystal. The other tuples are taken to have
+        the entries that are written above.
     """
 
     kinds: tuple[tuple[str, Ball], ...]
@@ -146,7 +149,20 @@ class Arrangement:
 
     def __post_init__(self) -> None:
         """Make the crystal, which raises the errors of attributes that make none."""
+        self._require_kinds()
+        if self.given is not None:
+            require_instance("given", self.given, Crystal, "Give a granphon.Crystal")
         _ = self.crystal
+
+    def _require_kinds(self) -> None:
+        """Raise InputError unless :attr:`kinds` are pairs of a name, each another, and a ball."""
+        kinds: Any = self.kinds  # the caller may have given anything
+        if not (isinstance(kinds, tuple) and all(map(_is_kind, kinds))):
+            mend = 'Give pairs of a name and a granphon.Ball, as (("A", ball),)'
+            raise InputError(f"the kinds are {brief(kinds)}", mend=mend)
+        if len(self._named_balls) < len(kinds):
+            names = list_names([name for name, _ in kinds])
+            raise InputError(f"the kinds are called {names}", mend="Give each another name")
 
     @property
     def repeats(self) -> bool:
@@ -494,6 +510,12 @@ class Arrangement:
         return tuple(cuts)
 
 
+def _is_kind(entry: Any) -> bool:
+    """Return whether an ``entry`` is a pair of the name of a kind and its ball."""
+    is_pair = isinstance(entry, tuple) and len(entry) == 2
+    return is_pair and isinstance(entry[0], str) and isinstance(entry[1], Ball)
+
+
 def _describe_springs(on_site: Any) -> list[tuple[str, Any, str]]:
     """Return the rows of a table for springs to the ground: name, value and SI unit of each.
 
@@ -598,7 +620,6 @@ class LoadedCrystal(NetworkState):
     n_samples = 0
     finite_overlap = False
     chosen_automatically = False
-    mean_errors = dict[str, Any]()
 
     def __init__(self, packing: Arrangement, source: CrystalState) -> None:
         super().__init__(source, tuple(source.warnings))
@@ -611,6 +632,11 @@ class LoadedCrystal(NetworkState):
         :func:`~granphon.media.state.select_loads`.
         """
         return type(self)(self.packing, self.source[index])
+
+    @property
+    def mean_errors(self) -> dict[str, Any]:
+        """Standard errors over samples, as of a :class:`ContactState`: none."""
+        return {}
 
     @property
     def limits(self) -> Any:
@@ -743,7 +769,7 @@ class CrystalMedium(Medium[Any]):
         load = given_load(load).applied
         sizes = load.array
         options: dict[str, Any] = {"finite_overlap": finite_overlap}
-        if load.gravity is not None:
+        if load.gravity:  # a gravity of zero needs no face that holds the balls
             options["gravity"] = load.gravity * crystal.downward
         if load.tensor is not None:  # (..., Voigt components) for sizes (...)
             sizes = np.asarray(sizes)[..., None] * np.array(load.tensor)

@@ -146,7 +146,8 @@ class FrictionHistory:
 
         The method is a rule of :mod:`granphon.base.validation`: it raises
         :class:`~granphon.base.errors.Refused` for an option out of range, a history without a
-        friction coefficient, and options of a history without ``friction_history``.
+        friction coefficient, and options of a history, other than their defaults, without
+        ``friction_history``.
         """
         history_options: dict[str, Any] = {}
         for name, option in HISTORY_OPTIONS.items():
@@ -236,7 +237,8 @@ def read_friction_coefficient(value: Any) -> float | None:
     """Return a friction coefficient: a number, zero or above, or infinity, also as a word. None is
     returned as it is, and means no history.
 
-    The function is a rule of :mod:`granphon.base.validation`.
+    The function is a rule of :mod:`granphon.base.validation`: it raises
+    :class:`~granphon.base.errors.Refused` for another value.
     """
     if value is None:
         return None
@@ -257,7 +259,8 @@ def read_start(value: Any, load: Callable[[str, Any], float] | None = None) -> f
     it is None, the value is a plain number in SI. Whether a packing bears the load is not known
     here: the simulation looks at that.
 
-    The function is a rule of :mod:`granphon.base.validation`.
+    The function is a rule of :mod:`granphon.base.validation`: it raises
+    :class:`~granphon.base.errors.Refused` for another value.
     """
     if isinstance(value, Load):
         if value.size != 1:

@@ -115,11 +115,13 @@ class AutoMedium(Medium[ContactState]):
 
     Raises
     ------
-    InputError : a tolerance that is not between 1e-12 and 0.99; a history without a friction
-        coefficient, or the reverse. From ``at_*``, :meth:`follow`, :meth:`serving` and
-        :meth:`choose`: a load at which no medium is within the tolerance (the message gives the
+    InputError : something else than a :class:`~granphon.Packing`; a tolerance that is not between
+        1e-12 and 0.99; a history without a friction coefficient, or the reverse. From ``at_*``,
+        :meth:`follow`, :meth:`serving` and :meth:`choose`: a load that is not finite or not
+        compressive; a load at which no medium is within the tolerance (the message gives the
         smallest error available); a load, a packing or a friction for which errors are not known.
-        From ``at_*`` and :meth:`follow`: finite overlap.
+        From ``at_*`` and :meth:`follow`: finite overlap, a load that crystals alone bear, and what
+        the chosen medium raises.
     """
 
     name = "auto"
@@ -188,8 +190,7 @@ class AutoMedium(Medium[ContactState]):
         """Return the first medium that is accurate enough at all ``loads``, or else the last
         candidate, the largest simulation.
 
-        The loads are of one ``kind``, "force" (N), "pressure" or "overlap" (m). Raises InputError
-        if there is a load at which no medium is accurate enough.
+        The loads are of one ``kind``, as in :meth:`choose`. Raises the errors that the class lists.
         """
         candidates, errors = self._find_errors(Load(kind, loads).flat)
         sufficient_candidates = np.flatnonzero(np.max(errors, axis=1) <= self.tolerance)

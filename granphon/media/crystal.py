@@ -43,7 +43,7 @@ from granphon.balls.contact_model import LAW_KINDS, ContactModel, GivenLaw
 from granphon.balls.diameters import subtract_mean
 from granphon.balls.hertz import NO_STIFFNESS, NO_TENSION, HertzLaw
 from granphon.balls.lattices import LATTICES, Lattice, find_structure
-from granphon.balls.layers import Layers, find_faces, read_edges
+from granphon.balls.layers import EDGES, Layers, find_faces, read_edges
 from granphon.balls.motions import Motions, find_motions, select_motions
 from granphon.balls.neighbours import (
     TOUCH,
@@ -142,6 +142,11 @@ class Faces:
     thickness: float
     edges: tuple[str | Wall, str | Wall] = field(metadata={"kind": (str | Wall, str | Wall)})
     balls: tuple[Index, Index] = field(metadata={"kind": (np.dtype(np.intp), np.dtype(np.intp))})
+
+    def __post_init__(self) -> None:
+        """Keep the numbers of balls as read-only arrays."""
+        lower, upper = self.balls
+        object.__setattr__(self, "balls", (read_only(lower), read_only(upper)))
 
     @property
     def is_pressed(self) -> bool:
@@ -276,13 +281,13 @@ class Crystal(Result):
     Raises
     ------
     InputError : arrays whose shapes do not fit, numbers that are not finite, an entry that is no
-        ball, two kinds of one name, a kind called "floor"; a cell that lies across the first axes
-        or has no room for a ball, balls that overlap, that miss each other by less than a
+        ball, two kinds of one name, a kind called "floor"; a cell that does not lie along the first
+        axes, or has no room for a ball; balls that overlap, that miss each other by less than a
         thousandth, or that touch nothing; contacts that do not join all balls; an unknown law, one
         that lacks a pair or a method, or that is not the derivative of its energy; motions, torsion
         and bending that :class:`~granphon.Packing` refuses; a spring of a motion that balls do not
         have, or with a stiffness below zero or not finite; a ``friction`` that is neither true nor
-        false, and a ``name`` that is no text.
+        false, and a ``name`` that is no text, empty, or has letters that cannot be seen.
     """
 
     _schema: ClassVar[int] = 2
@@ -322,7 +327,8 @@ class Crystal(Result):
         n, d = centres.shape
         site_balls = list_balls(balls)
         if len(site_balls) != n:
-            problem = f"there are {len(site_balls)} balls and {n} positions"
+            n_balls = len(site_balls)
+            problem = f"there are {counted(n_balls, 'ball')} and {counted(n, 'position')}"
             raise InputError(problem, mend="Give one ball for each site")
         kinds, kind = find_kinds(site_balls)
         radii = np.array([ball.radius for ball in kinds])[kind]
@@ -350,58 +356,71 @@ class Crystal(Result):
             deviations=None,
             on_site=read_on_site(on_site, find_motions(d, motions), n),
         )
+        self._require_laws()
 
     def _set(self, **attributes: Any) -> None:
-        """Set the attributes by their names, make arrays read-only, and find the law of each pair
-        of kinds that touch.
+        """Set the attributes by their names, and make arrays read-only."""
+        for name, value in attributes.items():
+            frozen = read_only(value) if isinstance(value, np.ndarray) else value
+            object.__setattr__(self, name, frozen)
+
+    def _require_laws(self) -> None:
+        """Find the law of each pair of kinds that touch, so that a missing or wrong law is an error
+        at once.
 
         Raises :class:`~granphon.base.errors.InputError` if a pair lacks a law, or if
         :func:`~granphon.balls.contact_laws.check_law` refuses the law.
         """
-        for name, value in attributes.items():
-            frozen = read_only(value) if isinstance(value, np.ndarray) else value
-            object.__setattr__(self, name, frozen)
-        _ = self._laws  # found once here, so that a missing or wrong law is an error at once
+        _ = self._laws
 
     @classmethod
     def _of_fields(cls, *values: Any) -> Self:
-        """Make a crystal of the values of its fields, in the order of the class. Of the values the
-        laws alone are checked, by :meth:`_set`.
-        """
+        """Make a crystal of the values of its fields, in the order of the class, unchecked."""
         crystal = object.__new__(cls)
         names = [field.name for field in fields(cls)]
         crystal._set(**dict(zip(names, values, strict=True)))
         return crystal
 
     def _check(self) -> None:
-        """Raise :class:`~granphon.base.errors.InputError` for data that the constructor refuses or
-        could not have found.
+        """Raise :class:`~granphon.base.errors.InputError` for fields that the base class refuses,
+        for motions, torsion, bending and laws that the constructor refuses, and for the faults of
+        :meth:`_list_missing` and :meth:`_list_faults`.
         """
         super()._check()
         read_rolling(
             f"the crystal {self.name!r}", self.dimension, self.motions, self.torsion, self.bending
         )
-        for fault, is_found in self._find_faults():
-            if is_found:
-                problem = f"{fault} in the data of the crystal {self.name!r}"
-                raise InputError(problem, mend="Make the crystal again")
+        # the second list reads the kinds, balls and axes that the first one finds to be there
+        for list_faults in (self._list_missing, self._list_faults):
+            for fault, is_found in list_faults():
+                if is_found:
+                    problem = f"{fault} in the data of the crystal {self.name!r}"
+                    raise InputError(problem, mend="Make the crystal again")
+        self._require_laws()
 
-    def _find_faults(self) -> list[tuple[str, bool]]:
-        """Return each fault that the data of a crystal may have, in words, and whether they have
-        it. If contacts or faces name balls that are not there, no later fault is looked for.
+    def _list_missing(self) -> list[tuple[str, bool]]:
+        """Return in words each kind of thing that the data of a crystal may name and not have, and
+        whether they do so.
         """
         table = self.contacts
-        radii = self._mean_radii
         ends = np.concatenate([table.i, table.j, *(side.balls for side in self._sides)])
         has_kinds = bool(np.all(np.isin(self.kind, range(len(self.kinds)))))
         has_ends = bool(np.all(np.isin(ends, range(self.n_balls))))
-        faults = [
+        # the layers of a cut follow each other along an axis that is no period
+        has_axes = all(self.periods <= face.axis < self.dimension for face in self.faces)
+        return [
             ("a ball has no kind", not has_kinds),
             ("there are not as many names as kinds", len(self.names) != len(self.kinds)),
             ("a contact or a face names a ball that is not there", not has_ends),
+            ("a cut is across an axis that is not there", not has_axes),
         ]
-        if not has_ends:  # what follows reads the positions and radii of these balls
-            return faults
+
+    def _list_faults(self) -> list[tuple[str, bool]]:
+        """Return each fault that the data of a crystal may have in words, and whether they have it;
+        all that the data name must be there, see :meth:`_list_missing`.
+        """
+        table = self.contacts
+        radii = self._mean_radii
         separations = self.positions[table.j] + table.shift @ self.cell - self.positions[table.i]
         along_normal = table.normal * np.linalg.norm(separations, axis=1)[:, None]
         tolerance = TOUCH * float(np.mean(radii))
@@ -414,19 +433,30 @@ class Crystal(Result):
         has_thickness = all(
             face.thickness > 0.0 and np.isfinite(face.thickness) for face in self.faces
         )
+        has_edges = all(
+            isinstance(edge, Wall) or edge in EDGES for face in self.faces for edge in face.edges
+        )
+        n_motions = self.named_motions.count
+        has_springs = self.on_site is None or self.on_site.shape[1] == n_motions
         return [
-            *faults,
             ("a contact does not lead from ball to ball", differ(table.vector, separations)),
             ("a normal is not along its contact", differ(along_normal, separations)),
             ("an arm is not the radius of its ball", has_wrong_arm),
             ("a cut has no thickness", not has_thickness),
+            ("a face is held as no face is", not has_edges),
+            ("springs to the ground are not those of the motions", not has_springs),
+            ("a ball has no diameter", bool(np.any(self.radii <= 0.0))),
         ]
 
     def _derive(self, **changes: Any) -> Self:
-        """Return the crystal with ``changes``: other values of some attributes, by name."""
+        """Return the crystal with ``changes``: other values of some attributes, by name. Raises
+        :class:`~granphon.base.errors.InputError` for kinds of which the law lacks a pair.
+        """
         attributes = {field.name: getattr(self, field.name) for field in fields(self)}
         attributes |= changes
-        return self._of_fields(*attributes.values())
+        crystal = self._of_fields(*attributes.values())
+        crystal._require_laws()
+        return crystal
 
     def _take(
         self, origin: Index, contacts: ContactTable, positions: Array, **changes: Any
@@ -444,8 +474,8 @@ class Crystal(Result):
         faces = []
         for face in self.faces:
             lower, upper = face.balls
-            new_lower = read_only(np.flatnonzero(np.isin(origin, lower)))
-            new_upper = read_only(np.flatnonzero(np.isin(origin, upper)))
+            new_lower = np.flatnonzero(np.isin(origin, lower))
+            new_upper = np.flatnonzero(np.isin(origin, upper))
             faces.append(replace(face, balls=(new_lower, new_upper)))
         return self._derive(
             kinds=tuple(self.kinds[number] for number in used_kinds),
@@ -671,7 +701,7 @@ class Crystal(Result):
         """Return the crystal with another ball at one site, or at several: a defect.
 
         ``index`` is the number of a ball, or a list of numbers, each once. The ball must have the
-        radius of the ball that it replaces, to half a millionth, so that it touches the same
+        radius of the kind that it replaces, to half a millionth, so that it touches the same
         neighbours. In a sample the new ball has the mean diameter of its kind. Other kinds keep
         their names; those with equal balls, as :meth:`with_balls` may make them, become one. A new
         kind whose ball has no name gets the next free letter.
@@ -961,12 +991,14 @@ class Crystal(Result):
         Raises :class:`~granphon.base.errors.InputError` if neither a face nor such springs hold the
         balls.
         """
+        direction = np.zeros(self.dimension)
         for side in self._sides:  # the lower face comes first
             if side.edge != "free":
-                axes = np.eye(self.dimension)
-                return np.asarray(side.sign * axes[side.axis])
+                direction[side.axis] = side.sign
+                return direction
         if self.dimension - 1 in self._find_anchored_axes():
-            return np.asarray(-np.eye(self.dimension)[-1])
+            direction[-1] = -1.0
+            return direction
         error = InputError(
             f"nothing holds crystal {self.name!r} against gravity",
             mend='Cut it with a floor or clamp: c.cut(axis, layers, ("floor", "free"))',
@@ -1157,7 +1189,7 @@ class Crystal(Result):
         pairs, pair_of_contact = self._pairs
         constants = [ContactConstants.of(first, second) for first, second, _, _ in pairs]
         columns = np.reshape(constants, (-1, len(ContactConstants._fields)))[pair_of_contact].T
-        return dict(zip(ContactConstants._fields, columns, strict=True))
+        return dict(zip(ContactConstants._fields, map(read_only, columns), strict=True))
 
     @cached_property
     def ball_motions(self) -> Motions:
@@ -1438,9 +1470,9 @@ class Crystal(Result):
         Parameters
         ----------
         stress : (p, p) symmetric, or Voigt: (1,), (3,) for xx, yy, xy or (6,) for xx, yy, zz, yz,
-            xz, xy; or an array of these. Pa in space, N/m in the plane, N on a line. Of a crystal
-            that was cut, the stress acts along the periods that remain, and the faces are not
-            pressed.
+            xz, xy; or an array of these. With one period a number will do. Pa in space, N/m in the
+            plane, N on a line. Of a crystal that was cut, the stress acts along the periods that
+            remain, and the faces are not pressed.
         gravity : m/s^2, as in :meth:`at_pressure`; the periods take the stress all the same.
         finite_overlap : see :meth:`at_pressure`; the stress is then Cauchy's, on the deformed cell.
 
@@ -1481,8 +1513,8 @@ class Crystal(Result):
         Parameters
         ----------
         strain : (p, p) symmetric, or Voigt with twice the shear: (1,), (3,) for xx, yy, 2xy or (6,)
-            for xx, yy, zz, 2yz, 2xz, 2xy; or an array of these. Strain is measured from the cell in
-            which balls only touch.
+            for xx, yy, zz, 2yz, 2xz, 2xy; or an array of these. With one period a number will do.
+            Strain is measured from the cell in which balls only touch.
         gravity, finite_overlap : see :meth:`at_stress`; the periods keep the strain.
 
         Raises
@@ -1656,24 +1688,19 @@ class Crystal(Result):
         than their weight, if both faces of the cut are clamped, or if both are free, so that
         balls stand on neither.
         """
-        mass = float(np.sum(self.masses[self._bodies.ball_number >= 0]))
         for face in self.faces:
             if face.edges in (("free", "free"), ("clamped", "clamped")):
                 continue
             low, high = face.edges
             stands_on_low = low != "free"
-            component = acceleration[face.axis]
+            component = float(acceleration[face.axis])
             # m/s^2, away from the face that holds
             lift = component if stands_on_low else -component
-            thicknesses = [cut.thickness for cut in self.faces if cut is not face]
-            # the weight of all balls over the area of the face
-            weight_pressure = mass * lift / (self.measure * math.prod(thicknesses))
+            weight_pressure = self._weigh_on(face, lift)
             if lift <= 0.0 or pressure > weight_pressure:
                 continue
             unit = _PRESSURE_UNITS[self.periods + len(self.faces)]
-            edge = low if stands_on_low else high
-            name = edge.name if isinstance(edge, Wall) else edge
-            support = "clamp" if edge == "clamped" else name
+            support = _name_support(low if stands_on_low else high)
             sign = "" if stands_on_low else "-"
             why = (
                 f"Gravity acts along {sign}{'xyz'[face.axis]}, away from the {support} on which"
@@ -1682,6 +1709,14 @@ class Crystal(Result):
             press = f"press with more than their weight, {weight_pressure:.4g} {unit}"
             return why, f"Turn it round, or {press}"
         return None
+
+    def _weigh_on(self, face: Faces, acceleration: float) -> float:
+        """Return the pressure, N, N/m or Pa, that the weight of all balls that move by themselves
+        exerts on a ``face`` of a cut, under an ``acceleration``, m/s^2, across the face.
+        """
+        mass = float(np.sum(self.masses[self._bodies.ball_number >= 0]))
+        other_thicknesses = [cut.thickness for cut in self.faces if cut is not face]
+        return mass * acceleration / (self.measure * math.prod(other_thicknesses))
 
     def _load_hydrostatic(
         self, pressure: float, acceleration: Array | None, words: str
@@ -1780,11 +1815,7 @@ class Crystal(Result):
             load = self._load_hydrostatic(pressure, acceleration, words)
             lattice_state = self._find_rest(load, "lattice", boundary, start)
             if is_exact:
-                # the state in the exact geometry is found from that in the directions of the sites.
-                # But where balls differ it is found from the last one: from another state loose
-                # balls would come to rest elsewhere, and the mean would jump
-                start_of_exact = state if balls_differ and state else lattice_state
-                state = self._find_rest(load, "exact", boundary, start_of_exact)
+                state = self._find_exact(load, boundary, lattice_state, state)
             else:
                 state = lattice_state
             contacts = MeanContacts.of(state, laws, balls_differ)
@@ -1804,6 +1835,20 @@ class Crystal(Result):
             start = lattice_state.scale(overlap_growth)
             next_pressure = guess
         raise self._explain_unreached_mean(goal, pressure, mean, has_gravity)
+
+    def _find_exact(
+        self, load: AppliedLoad, boundary: Boundary, lattice_state: Rest, last_state: Rest | None
+    ) -> Rest:
+        """Return the state at rest in the exact geometry under a ``load``, found from the
+        ``lattice_state``, that in the directions of the sites. Where balls differ it is found from
+        the ``last_state`` in the exact geometry, if there is one: from another state loose balls
+        would come to rest elsewhere, and means over contacts would jump. The ``boundary`` is that
+        of :meth:`at_pressure`.
+        """
+        start = lattice_state
+        if self._assembly.has_offsets and last_state is not None:
+            start = last_state
+        return self._find_rest(load, "exact", boundary, start)
 
     def _explain_unreached_mean(
         self, goal: MeanGoal, pressure: float, mean: float, has_gravity: bool
@@ -1874,10 +1919,7 @@ class Crystal(Result):
         strain = np.array([state.strain for state in states])
         of_contacts = slice(self.n_contacts)  # springs to the ground come last
         overlap = np.array([state.overlap[of_contacts] for state in states])
-        depth = np.max(overlap / self._distance, axis=1)
-        deepest_load = solutions[int(np.argmax(depth))][1]
-        modulus = min(ball.material.young_modulus for ball in self.kinds)
-        require_shallow(modulus, float(np.max(depth)), lambda: deepest_load.words)
+        self._require_shallow(overlap, [load for _, load in solutions])
         arrays: dict[str, Array] = {
             "normal_force": np.array([laws.force(overlaps) for overlaps in overlap]),
             "overlap": overlap,
@@ -1893,6 +1935,15 @@ class Crystal(Result):
             for name, array in arrays.items()
         }
         return CrystalState(self, **attributes, finite_overlap=is_exact)
+
+    def _require_shallow(self, overlap: Array, loads: Sequence[AppliedLoad]) -> None:
+        """Raise :class:`InputError` if balls overlap by their diameter or more; ``overlap`` (loads,
+        n_c), m, is that of the contacts under each of the ``loads``.
+        """
+        depth = np.max(overlap / self._distance, axis=1)
+        deepest_load = loads[int(np.argmax(depth))]
+        modulus = min(ball.material.young_modulus for ball in self.kinds)
+        require_shallow(modulus, float(np.max(depth)), lambda: deepest_load.words)
 
     def _find_displacements(self, states: Sequence[Rest]) -> tuple[Array, Array]:
         """Return the displacements of the balls, (loads, n, d), and of the walls that a load moves,
@@ -1968,6 +2019,30 @@ class CrystalState(Result):
     strain: Array = held(float, "... p p", within="finite")
     ways: Array = held(float, "... w", "m", "finite")
     finite_overlap: bool = held(bool, default=False)
+
+    def _check(self) -> None:
+        """Raise :class:`~granphon.base.errors.InputError` for what the base class refuses, and for
+        arrays that were read and do not have the contacts, balls, axes and walls of the crystal.
+        """
+        super()._check()
+        crystal = self.crystal
+        d = crystal.dimension
+        # the shapes at one load; the other arrays agree with these, as the base class has checked
+        expected_shapes = {
+            "normal": (crystal.n_contacts, d),
+            "displacements": (crystal.n_balls, d),
+            "strain": (crystal.periods, crystal.periods),
+            "ways": (len(crystal._bodies.walls),),
+        }
+        load_axes = len(self.shape)
+        for name, expected_shape in expected_shapes.items():
+            shape = getattr(self, name).shape[load_axes:]
+            if shape != expected_shape:
+                raise InputError(
+                    f"{name} of the CrystalState has the shape {shape} at a load",
+                    f"That of its crystal is {expected_shape}",
+                    "Make the state again",
+                )
 
     def _field_units(self) -> dict[str, str]:
         """The SI unit of each attribute; that of the stress depends on the number of periods."""
@@ -2223,6 +2298,29 @@ class CrystalState(Result):
         """
         crystal = self.crystal
         flat_sides = crystal._flat_sides
+        cell, positions = self._place_bodies()
+        # a body of infinite mass and radius does not move, and is flat
+        infinities = np.full(len(flat_sides), np.inf)
+        masses = np.where(self._is_clamped, np.inf, crystal.masses)
+        inertias = np.array([ball.inertia for ball in crystal.kinds])[crystal.kind]
+        kinds = [crystal.names[number] for number in crystal.kind.tolist()]
+        kinds += [side.body.name for side in flat_sides if side.body]
+        return {
+            "cell": cell,
+            "positions": positions,
+            "radii": np.append(crystal.radii, infinities),
+            "masses": np.append(masses, infinities),
+            "inertias": np.append(inertias, infinities),
+            "kinds": tuple(kinds),
+        }
+
+    def _place_bodies(self) -> tuple[Array, Array]:
+        """Return the cell (3, 3), m, with zeros for axes without a period, and the positions of the
+        bodies of :meth:`_list_bodies`, (bodies, 3), m: with finite overlap those at rest under the
+        load, otherwise those at which balls only touch.
+        """
+        crystal = self.crystal
+        flat_sides = crystal._flat_sides
         n = crystal.n_balls
         d = crystal.dimension
         p = crystal.periods
@@ -2240,20 +2338,7 @@ class CrystalState(Result):
             radii = crystal._mean_radii[side.balls]
             heights = positions[side.balls, side.axis] + side.sign * radii
             positions[number, side.axis] = np.mean(heights)
-        # a body of infinite mass and radius does not move, and is flat
-        infinities = np.full(len(flat_sides), np.inf)
-        masses = np.where(self._is_clamped, np.inf, crystal.masses)
-        inertias = np.array([ball.inertia for ball in crystal.kinds])[crystal.kind]
-        kinds = [crystal.names[number] for number in crystal.kind.tolist()]
-        kinds += [side.body.name for side in flat_sides if side.body]
-        return {
-            "cell": cell,
-            "positions": positions,
-            "radii": np.append(crystal.radii, infinities),
-            "masses": np.append(masses, infinities),
-            "inertias": np.append(inertias, infinities),
-            "kinds": tuple(kinds),
-        }
+        return cell, positions
 
     def _list_contacts(self) -> dict[str, Any]:
         """Return the contacts :attr:`_in_network` as arguments of a network, by name, those with
@@ -2322,6 +2407,15 @@ def find_mindlin_ratio(crystal: Crystal) -> float | None:
     if np.any(ratios) and crystal._laws.has_radii:
         return None
     return float(ratios[0]) if np.ptp(ratios) <= _RATIO_ROUNDING else None
+
+
+def _name_support(edge: str | Wall) -> str:
+    """Return in words what balls stand on at an ``edge`` of a cut: "clamp", "floor" or the name of
+    a wall.
+    """
+    if isinstance(edge, Wall):
+        return edge.name
+    return "clamp" if edge == "clamped" else edge
 
 
 def _require_room(n_cells: int, crystal: Crystal) -> None:

@@ -93,6 +93,7 @@ class CrystalFollower:
     def _pose(self, crystal: Crystal, load: Load, pressure: float) -> Problem:
         """Return the problem of a crystal at rest under a load. ``pressure``, N, N/m or Pa, is the
         pressure under which the crystal has a given mean force or overlap; other loads ignore it.
+        The cell may shear, as by default under the loads of a crystal.
         """
         applied = _apply(crystal, load, pressure)
         return Problem(crystal._assembly, applied, self._geometry, "stress")

@@ -18,6 +18,7 @@ from granphon.balls.lattices import Lattice
 from granphon.balls.neighbours import TOUCH
 from granphon.base.arrays import Array, Index
 from granphon.base.errors import InputError, brief
+from granphon.base.text import counted
 from granphon.base.validation import finite_array, real_array
 
 #: least length, area or volume of a cell, over the mean radius, its square or its cube
@@ -118,8 +119,10 @@ def read_sites(positions: ArrayLike, cell: ArrayLike) -> tuple[Array, Array]:
         vectors = vectors.reshape(0, d)
     are_vectors = vectors.ndim == 2 and vectors.shape[1] == d and len(vectors) <= d
     if not are_vectors:
-        problem = f"the cell has the shape {vectors.shape}, and positions have {d} coordinates"
-        raise InputError(problem, mend=f"Give up to {d} vectors of {d} numbers, as rows, in m")
+        coordinates = counted(d, "coordinate")
+        problem = f"the cell has the shape {vectors.shape}, and positions have {coordinates}"
+        mend = f"Give up to {counted(d, 'vector')} of {counted(d, 'number')}, as rows, in m"
+        raise InputError(problem, mend=mend)
     if not (np.all(np.isfinite(centres)) and np.all(np.isfinite(vectors))):
         problem = "the cell or a position of the crystal is not finite"
         raise InputError(problem, mend="Give finite numbers, in m")
@@ -164,7 +167,7 @@ def find_dimension(positions: Array, cell: Array, tolerance: float) -> int:
     positions (n, 3) and a cell (p, 3), m.
 
     The coordinate z, and then y, is left out if all balls have the same one to a ``tolerance``, m,
-    and no period has a component along the axis.
+    no period has a component along the axis, and there are fewer periods than axes.
     """
     for dimension in (3, 2):
         axis = dimension - 1

@@ -70,9 +70,9 @@ _OPEN_CONTACTS = {
 
 
 def estimate_reduced_force(packing: Packing, load: Load) -> Array:
-    """Return the approximate f* (n,) of each value of an applied load. At overlaps below the least
-    a* of :data:`_CURVES` it is the f* of that a*; at overlaps above the greatest, and on a line, it
-    is that of equal balls.
+    """Return the approximate f* (n,) of each value of an applied load on balls that differ. At
+    overlaps below the least a* of :data:`_CURVES` it is the f* of that a*; at overlaps above the
+    greatest, and on a line, it is that of equal balls.
     """
     reduced_load = np.ravel(reduce_load(packing, load))  # f*, or a* of an overlap
     if load.kind != "overlap":
@@ -97,13 +97,12 @@ def estimate_open_contacts(packing: Packing, load: Load) -> Array:
     has open contacts, and 0 at higher loads. It is zero for equal balls and on a line.
     """
     structure = packing.structure
+    if structure.periods not in _OPEN_CONTACTS or not packing.spread_matters:
+        return np.zeros(load.size)
     # a load may be beyond the floating range, where no contact is open; a load that no array bears
     # is refused elsewhere
     with np.errstate(all="ignore"):
-        force = estimate_reduced_force(packing, load)
-        log_force = np.log(force)
-    if structure.periods not in _OPEN_CONTACTS or not packing.spread_matters:
-        return np.zeros_like(force)
+        log_force = np.log(estimate_reduced_force(packing, load))
     open_fraction: Array = np.interp(
         log_force, np.log(_OPEN_FORCES), _OPEN_CONTACTS[structure.periods], left=1.0
     )

@@ -176,7 +176,8 @@ class Check(Result):
     @property
     def excess(self) -> float:
         """How far the worst value is beyond the limit: the ratio of the two, above 1 if the
-        condition fails there; infinite where the one that should be larger is zero or below.
+        condition fails there; infinite where the one that should be larger is zero or below, also
+        if both are zero and the condition holds.
         """
         # the value that should be the larger one is the divisor
         divisor, dividend = self.limit, self._worst_value

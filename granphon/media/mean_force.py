@@ -47,11 +47,11 @@ class MeanGoal(NamedTuple):
 class PressureSearch:
     """The search for the pressure at which contacts have the mean ``goal``.
 
-    ``balls_differ`` says whether balls differ in diameter, on which the relative error
-    ``tolerance`` depends to which the goal is reached; ``contacts_adhere`` says whether contacts
-    adhere, so that the pressure may be below zero; ``has_gravity`` says whether gravity presses
-    contacts too. Only without all of these, ``follows_power`` is true: overlaps grow as a power of
-    the pressure.
+    ``balls_differ`` says whether balls differ in diameter, where the goal is reached to a larger
+    relative error, the ``tolerance``; ``contacts_adhere`` says whether contacts adhere, so that the
+    pressure may be below zero; ``has_gravity`` says whether gravity presses contacts too.
+    ``follows_power`` is true if none of the three holds: overlaps then grow as a power of the
+    pressure.
 
     ``low`` and ``high`` are the largest pressure that was found too low, and the smallest that was
     found too high. ``last_pressure`` and ``last_mean`` belong to the last trial of
@@ -90,8 +90,8 @@ class PressureSearch:
 
     def is_stuck(self, mean: float, rounding: float) -> bool:
         """Return whether a ``mean`` is above the goal, by as much as the mean of the trial before,
-        to the part ``rounding`` of the excess: less pressure changes nothing. It does if the
-        pressure may be below zero.
+        to the part ``rounding`` of the excess: less pressure changes nothing. Always False if the
+        pressure may be below zero, where contacts pull.
         """
         excess = self.find_excess(mean)
         is_equal = abs(excess - self.last_excess) <= rounding * excess

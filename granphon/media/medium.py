@@ -289,7 +289,7 @@ class LawMedium(Medium[ContactState]):
 
     Parameters
     ----------
-    packing : the balls.
+    packing : the balls; InputError for anything but a :class:`~granphon.Packing`.
 
     ``at_*`` raise :class:`~granphon.base.errors.InputError` for a load that is not finite, not
     compressive, of a kind that crystals alone bear, too small or too large for double precision, or
@@ -500,7 +500,7 @@ class AveragedLattice(LawMedium):
 
     Parameters
     ----------
-    packing : the balls.
+    packing : the balls, as in :class:`LawMedium`.
     """
 
     name = "ala"
@@ -531,7 +531,7 @@ class AveragedForce(_ReducedMedium):
 
     Parameters
     ----------
-    packing : the balls.
+    packing : the balls, as in :class:`LawMedium`.
     """
 
     name = "afa"

@@ -293,6 +293,7 @@ class NetworkFiles(Block, kw_only=True):
         return self._key == other._key
 
     def __hash__(self) -> int:
+        # arrays have no hash, and blocks that are equal have as many contacts
         return hash(self.network.n_contacts)
 
     @property
@@ -470,7 +471,6 @@ class LoadedNetwork(NetworkState):
     regime = None
     n_samples = 0
     chosen_automatically = False
-    mean_errors = dict[str, Any]()
     exponent = None
     exponent_error = None
 
@@ -482,6 +482,11 @@ class LoadedNetwork(NetworkState):
     def __getitem__(self, index: Any) -> LoadedNetwork:
         """Return the state itself, whatever the index: there is one load."""
         return self
+
+    @property
+    def mean_errors(self) -> dict[str, Any]:
+        """Standard errors over samples, as of a :class:`ContactState`: none."""
+        return {}
 
     @property
     def finite_overlap(self) -> bool:

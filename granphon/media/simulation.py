@@ -3,7 +3,8 @@ under load.
 
 Section III of Velicky and Caroli replaces the array by an average array. Here a periodic sample of
 L1 x ... x Lp cells is simulated, on a lattice with p periods. The mechanical equilibrium of the
-sample is found without friction (:mod:`granphon.array.equilibrium`); the linear response
+sample is found without friction (:mod:`granphon.array.equilibrium`), or the sample is loaded with
+friction step by step (:mod:`granphon.media.loading`); the linear response
 (:mod:`granphon.statics.response`) then has shear springs at every contact that carries load. A
 state is a mean over samples; its attributes, elastic tensor, sound waves and local exponent have
 standard errors.
@@ -802,25 +803,25 @@ class DirectSimulation(Medium[SimulatedState]):
     MechanismError : the lattice does not stand without friction, as sc, bcc, diamond, square,
         honeycomb and kagome do not, and there is no history of friction that starts from the gas.
     InputError : something else than a :class:`~granphon.Packing`, motions other than those along
-        the periods, a shape or number that is not whole and above zero, a seed beyond 2^64 - 1;
-        diameters that are not finite and above zero, of another shape, or with a shape or samples;
-        a width above zero that is below 1e-20 of the diameter; the
-        exact geometry of equal balls, on a line, or of balls that differ by more than a fifth of
-        their diameter; options of a history without ``friction_history``, a history without a
+        the periods, a shape or number that is not whole and above zero, a sample whose seed is no
+        whole number from 0 to 2^64 - 1; diameters that are not finite and above zero, of another
+        shape, or with a shape or samples; a width above zero that is below 1e-20 of the diameter;
+        the exact geometry of equal balls, on a line, or of balls that differ by more than a fifth
+        of their diameter; options of a history without ``friction_history``, a history without a
         friction coefficient, on a chain, of balls that resist no slip, with the boundary "stress",
         or from a start that no sample bears; an executor without ``submit``, and another word for
         an option than those above.
 
     ``at_*`` take scalars or arrays: floats in, floats out. They raise
     :class:`~granphon.base.errors.InputError` for a load that is not finite, not compressive, of a
-    kind that crystals alone bear, or presses balls together by their whole diameter; for a load so
-    low that a sample carries none (at and below the rigidity threshold, a* = 0.343 on the
-    triangular lattice), or below the start of a history; with ``finite_overlap`` in the geometry of
-    the lattice, which has no such terms, and with ``finite_overlap=False`` in the exact geometry,
-    which has them. They raise :class:`~granphon.base.errors.ConvergenceError` if no equilibrium is
-    found, or a path ends before its last load; ``reached`` of the error is then the state at the
-    loads before. They raise :class:`~granphon.base.errors.GranphonError` if the executor loses a
-    worker.
+    kind that crystals alone bear, or presses balls together by their whole diameter; for more
+    balls, samples or loads than memory holds; for a load so low that a sample carries none (at and
+    below the rigidity threshold, a* = 0.343 on the triangular lattice), or below the start of a
+    history; with ``finite_overlap`` in the geometry of the lattice, which has no such terms, and
+    with ``finite_overlap=False`` in the exact geometry, which has them. They raise
+    :class:`~granphon.base.errors.ConvergenceError` if no equilibrium is found, or a path ends
+    before its last load; ``reached`` of the error is then the state at the loads before. They raise
+    :class:`~granphon.base.errors.GranphonError` if the executor loses a worker.
     """
 
     packing: Packing = field(metadata={"kind": Packing})

@@ -25,7 +25,7 @@ from granphon.balls.packing import MINDLIN, Packing
 from granphon.base.arrays import Array
 from granphon.base.errors import InputError, brief
 from granphon.base.progress import Progress
-from granphon.base.results import Result, held, result_class
+from granphon.base.results import Result, held, read_only, result_class
 from granphon.base.scales import Units
 from granphon.base.text import counted
 from granphon.base.validation import require, truth
@@ -201,7 +201,7 @@ class State(ABC):
         displacements of these n_u waves.
 
         The displacements are the columns of an array (..., n_u, n_u), or (..., n, n_u, n_u) for
-        directions (n, p).
+        directions (n, p). Raises what :meth:`long_waves` raises.
         """
 
     def relax_inner_motions(self, progress: Progress) -> None:
@@ -233,7 +233,8 @@ class State(ABC):
     @property
     def is_isotropic(self) -> bool:
         """Whether the elastic tensor is the same in all directions; also True where balls do not
-        move along the periods, and no longitudinal wave tells directions apart.
+        move along the periods, and no longitudinal wave tells directions apart. Raises
+        :class:`~granphon.base.errors.MechanismError` if a motion costs no energy.
         """
         lattice = self.reference_lattice
         return "longitudinal" not in lattice.wave_names or lattice.is_isotropic
@@ -256,6 +257,10 @@ class State(ABC):
 
         ``direction`` is a vector (p,) of any length. For directions (n, p) the shape is (..., n,
         n_u). In the plane the waves are the longitudinal and the transverse one.
+
+        Raises :class:`~granphon.base.errors.InputError` for a direction that is not p finite
+        numbers, or has no length, and :class:`~granphon.base.errors.MechanismError` if a motion
+        costs no energy.
         """
         return self.polarised_waves(direction)[0]
 
@@ -496,7 +501,7 @@ class ContactState(State, Result):
         """Overlap, m, that equal balls have at the mean force. It is above zero, also where balls
         differ and the mean overlap is below zero.
         """
-        return np.asarray(self.packing.law.overlap(self.force))
+        return read_only(self.packing.law.overlap(self.force))
 
     @property
     def exponent(self) -> Values:
@@ -830,9 +835,9 @@ def select_loads(shape: tuple[int, ...], index: Any) -> NDArray[np.intp]:
     """Return the numbers, in C order, of the loads of a state that an ``index`` selects, of the
     shape of the selection. ``shape`` is that of all loads.
 
-    Raises :class:`~granphon.base.errors.InputError` for an index of the state at a single load, and
-    for one that selects no load; IndexError, by which loops over the loads end, for one that is
-    outside the loads or is no index of an array.
+    Raises :class:`~granphon.base.errors.InputError` for a number or slice as index of the state at
+    a single load, and for an index that selects no load. Raises what NumPy raises for an index of
+    an array: IndexError, by which loops over the loads end, for one outside the loads.
     """
     numbers = np.arange(math.prod(shape)).reshape(shape)
     try:
@@ -879,6 +884,10 @@ class NetworkState(State):
         each load, ``source[i]`` at one of them.
     warnings : sentences about limits, from the maker of the source; None for the warnings that the
         network itself gives.
+
+    Raises :class:`~granphon.base.errors.InputError` for a network that
+    :meth:`ContactLattice.from_network` refuses, as one without periods, or one whose balls are not
+    at rest; the networks of another source are looked at when they are needed.
     """
 
     name = "network"
@@ -916,6 +925,8 @@ class NetworkState(State):
         :func:`select_loads`.
         """
         select_loads(self.shape, index)  # raises its errors
+        if isinstance(self.source, ContactNetwork):  # the index, such as (), selects the only load
+            return self
         return as_state(self.source[index])
 
     @property
@@ -995,7 +1006,8 @@ class NetworkState(State):
 
         The tensor is in N where the network repeats along a line, whatever its width; in Pa where
         the network repeats in a plane, the force per length over one diameter, however thick the
-        network is; in Pa in space.
+        network is; in Pa in space. Raises what :func:`~granphon.observables.velocities.moduli`
+        raises for a network.
         """
 
         def find_tensor(lattice: ContactLattice, network: ContactNetwork) -> Array:
@@ -1005,7 +1017,7 @@ class NetworkState(State):
             return np.asarray(unit * lattice.elastic_tensor())
 
         self._require_sound()
-        return self._stack(find_tensor)
+        return read_only(self._stack(find_tensor))
 
     def _require_sound(self) -> None:
         """Raise the error, with its numbers in SI, of a lattice that is not rigid, in which sound
@@ -1017,14 +1029,19 @@ class NetworkState(State):
     @property
     def has_cubic_axes(self) -> bool:
         """Whether the elastic tensor is, at all loads and to rounding, that of a square or cube
-        with edges along x, y, z, and not isotropic. False on a line.
+        with edges along x, y, z, and not isotropic. False on a line. Raises the errors of
+        :attr:`elastic_tensor`.
         """
         tensor = self.elastic_tensor
         return all(map(is_cubic, tensor.reshape(-1, *tensor.shape[-2:])))
 
     @property
     def is_isotropic(self) -> bool:
-        """Whether the elastic tensor is the same in all directions, at all loads."""
+        """Whether the elastic tensor is the same in all directions, at all loads. Raises
+        :class:`~granphon.base.errors.InputError` if springs to the ground or bodies that do not
+        move hold the balls, and :class:`~granphon.base.errors.MechanismError` if a motion costs no
+        energy.
+        """
         self._require_sound()
         return all(
             "longitudinal" not in lattice.wave_names or lattice.is_isotropic
@@ -1074,7 +1091,7 @@ def as_state(source: Any) -> State:
     same warnings.
 
     Raises :class:`~granphon.base.errors.InputError` for something that has no network, and for a
-    network without periods.
+    network that :class:`NetworkState` refuses.
     """
     if isinstance(source, NetworkState) and source.is_single:
         return NetworkState(source.network, source.warnings)

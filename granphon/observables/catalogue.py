@@ -139,9 +139,10 @@ class Observable:
     Attributes
     ----------
     name : its name in files, data sets and summaries.
-    unit : SI unit; "1" for a number without a unit, "" for a quantity that is not a number. Where
-        ``per_dimension`` names a quantity of :meth:`Lattice.units_of`, this is the unit in the
-        plane; :func:`entry_of` has that of a packing.
+    unit : SI unit; "1" for a number without a unit, "" for a quantity that is not a number, or a
+        number whose unit nobody gave. Where ``per_dimension`` names a quantity of
+        :meth:`Lattice.units_of`, this is the unit in the plane; :func:`entry_of` has that of a
+        packing.
     title : a phrase that says what the quantity is; ``long_name`` in data sets.
     label : the name on an axis and in the terminal, without the unit; by default the name in words.
     meaning : the description in the reference; by default the title.

@@ -18,6 +18,7 @@ from granphon.base.arrays import Array
 from granphon.base.errors import InputError
 from granphon.base.progress import Progress, require_progress, silent
 from granphon.base.results import Result, held, result_class
+from granphon.base.text import counted
 from granphon.base.validation import finite_array
 from granphon.dynamics.elasticity import voigt_names, voigt_pairs
 from granphon.media.state import as_state
@@ -95,7 +96,7 @@ def _read_strain(strain: ArrayLike | None, periods: int) -> Array:
     voigt = finite_array("strain", strain)
     if voigt.shape != (len(names),):
         fault = f"the strain has the shape {voigt.shape}"
-        raise InputError(fault, mend=f"Give {len(names)} numbers: {', '.join(names)}")
+        raise InputError(fault, mend=f"Give {counted(len(names), 'number')}: {', '.join(names)}")
     return voigt
 
 

@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, ClassVar
 
 import numpy as np
@@ -48,6 +49,11 @@ class ModuliSensitivities(Sensitivities):
     """
 
     units: ClassVar[dict[str, str]] = name_units("Pa")
+
+    def _field_units(self) -> dict[str, str]:
+        """Return the SI unit of each field; the one modulus of a network on a line is in N."""
+        n_strains = self.normal_stiffness.shape[-2]
+        return name_units("N") if n_strains == 1 else dict(self.units)
 
 
 @result_class
@@ -174,18 +180,7 @@ def _find_tensor_slopes(network: ContactNetwork) -> dict[str, Any]:
     lattice = ContactLattice.from_network(network)
     lattice.elastic_tensor()  # raises where there is none
     p = lattice.periods
-    # the translations along the periods, which strains move
-    along_periods = [lattice.motions.translations.index(axis) for axis in range(p)]
-    i, j = np.transpose(voigt_pairs(p))
-
-    def multiply(deformation: Array) -> Array:
-        """Return the products (n_c, v, v) of deformations under strains in Voigt order."""
-        gradients = deformation[:, along_periods]
-        # (n_c, v): a strain has both gradients in equal parts
-        strains = 0.5 * (gradients[:, i, j] + gradients[:, j, i])
-        return np.asarray(strains[:, :, None] * strains[:, None])
-
-    products = _sum_products(lattice, multiply)
+    products = _sum_products(lattice, partial(_multiply_strains, lattice))
     if network.prestress:
         vector = lattice.contacts.vector[:, :p]
         stress = vector[:, :, None] * vector[:, None]
@@ -196,6 +191,21 @@ def _find_tensor_slopes(network: ContactNetwork) -> dict[str, Any]:
     unit = units.force if p == 1 else units.modulus
     scaled = {name: product * unit / lattice.measure for name, product in products.items()}
     return _make_slopes(network, scaled)
+
+
+def _multiply_strains(lattice: ContactLattice, deformation: Array) -> Array:
+    """Return the products (n_c, v, v) of the deformations of contacts under each two of the v
+    strains of a ``lattice`` in Voigt order, from their ``deformation`` (n_c, n_u, p) under the
+    gradients of n_u displacements along p periods.
+    """
+    p = lattice.periods
+    # the translations along the periods, which strains move
+    along_periods = [lattice.motions.translations.index(axis) for axis in range(p)]
+    gradients = deformation[:, along_periods]
+    i, j = np.transpose(voigt_pairs(p))
+    # (n_c, v): a strain has both gradients in equal parts
+    strains = 0.5 * (gradients[:, i, j] + gradients[:, j, i])
+    return np.asarray(strains[:, :, None] * strains[:, None])
 
 
 def _find_velocity_slopes(network: ContactNetwork, direction: Array) -> dict[str, Any]:

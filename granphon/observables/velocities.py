@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from granphon.balls.lattices import as_direction
-from granphon.base.arrays import Array
+from granphon.base.arrays import Array, Index
 from granphon.base.errors import InputError, InstabilityError, UnreachableFrequencyError, brief
 from granphon.base.memory import require_memory
 from granphon.base.progress import Progress, require_progress, silent
@@ -83,9 +83,9 @@ class SoundVelocities(Result):
     transverse : velocity of the (quasi-)transverse wave in the plane; in space, and on a chain that
         moves both ways across itself, (..., 2): the slow and the fast one. None if there is none.
     direction : unit vector (p,), or (n, p).
-    warnings : a warning for each limit of the model that the state exceeds; where a velocity is
-        zero, one that counts the branches that vanish at every wave vector and says what would stop
-        them.
+    warnings : a warning for each limit of the model that the state exceeds; one about balls that
+        sound leaves behind, if there are any; and where a velocity is zero, one that counts the
+        branches that vanish at every wave vector and says what would stop them.
     longitudinal_error, transverse_error : standard errors over the samples of a simulation, m/s;
         None if there are fewer than two samples.
     out_of_plane : velocity of the wave across a plane of balls, if they move that way: zero,
@@ -95,8 +95,8 @@ class SoundVelocities(Result):
         contact does not resist torsion, None if the lattice is no straight chain, if the balls do
         not turn about it, and if springs to the ground act. It displaces nothing, and is not among
         ``velocities``.
-    polarisations : (..., n_u, n_u) their unit displacements (x, y, z, as far as the balls move), as
-        columns.
+    polarisations : (..., n_u, n_u) unit displacements (x, y, z, as far as the balls move) of the
+        waves of ``velocities``, in their order, as columns.
     """
 
     #: the state; None where none is at hand
@@ -332,7 +332,8 @@ class Moduli(Result):
     tensor_error : (..., v, v) standard error of each entry of the tensor, Pa; None likewise.
     anisotropy_error : standard error of :attr:`anisotropy`, a pure number with the shape of the
         load; None likewise.
-    warnings : one sentence for each limit of the model that the state exceeds.
+    warnings : one sentence for each limit of the model that the state exceeds, and one about balls
+        that have no part in the moduli, if there are any.
     """
 
     units = {"bulk": "Pa", "shear": "Pa", "shears": "Pa"}
@@ -652,7 +653,6 @@ def pulse_velocities(
     state = as_state(state)
     hertz = finite_array("frequency", frequency, "Hz", "above zero")
     d = state.unit_length
-    periods = state.reference_lattice.periods
     unit_vectors = _choose_pulse_direction(state, direction)
     names = _choose_branches(state, unit_vectors, branches)
     load_shape = _broadcast_loads(hertz, state)
@@ -661,22 +661,16 @@ def pulse_velocities(
     # (b, ...): velocities, m/s, that are one in the reduced units of each of the b branches
     scales = state.branch_scales(unit_vectors, names)
     scale = np.stack([np.broadcast_to(branch_scale, pulse_shape) for branch_scale in scales])
-    reduced_frequencies = _reduce_frequencies(hertz, unit_vectors.ndim - 1, scale, d)
-    # arrays have three axes from here: branches, loads and frequencies, directions
-    directions = unit_vectors.reshape(-1, periods)
-    three_axes = (len(names), -1, len(directions))
-    targets = reduced_frequencies.reshape(three_axes)
-    units = scale.reshape(three_axes) / d
+    targets = _reduce_frequencies(hertz, unit_vectors.ndim - 1, scale, d)
     lattices = _list_lattices(state, load_shape)
-    wavenumbers, group_vectors = _solve_lattices(lattices, directions, names, targets, units)
-    group = np.sum(group_vectors * directions, axis=-1)
-    phase = targets / wavenumbers
+    wavenumbers, group_vectors = _solve_lattices(lattices, unit_vectors, names, targets, scale / d)
+    group = np.sum(group_vectors * unit_vectors, axis=-1)
     return PulseVelocities(
         branches=names,
-        phase=phase.reshape(scale.shape) * scale,
-        group=group.reshape(scale.shape) * scale,
-        group_vector=group_vectors.reshape(*scale.shape, periods) * scale[..., None],
-        wavenumber=wavenumbers.reshape(scale.shape) / d,
+        phase=targets / wavenumbers * scale,
+        group=group * scale,
+        group_vector=group_vectors * scale[..., None],
+        wavenumber=wavenumbers / d,
         frequency=hertz,
         direction=unit_vectors,
         warnings=find_warnings(state),
@@ -780,20 +774,30 @@ def _solve_lattices(
     targets: Array,
     units: Array,
 ) -> tuple[Array, Array]:
-    """Return the wavenumbers (b, m, n) and the group velocities (b, m, n, p), in reduced units, of
-    pulses on the b branches ``names``, at m loads and frequencies, along ``directions`` (n, p).
+    """Return the wavenumbers (b, ...) and the group velocities (b, ..., p), in reduced units, of
+    pulses on the b branches ``names``: "..." are the axes of loads and frequencies, and then, for
+    ``directions`` (n, p) instead of one (p,), an axis of n.
 
-    ``targets`` (b, m, n) holds angular frequencies in ``units`` (b, m, n), rad/s, as
-    :func:`_find_wavenumbers` takes them for one lattice; ``lattices`` are those of
-    :func:`_list_lattices`.
+    ``targets`` (b, ...) holds angular frequencies in ``units`` (b, ...), rad/s; ``lattices`` are
+    those of :func:`_list_lattices`.
     """
-    wavenumbers = np.empty(targets.shape)
-    group_vectors = np.empty((*targets.shape, directions.shape[1]))
+    periods = directions.shape[-1]
+    several_directions = directions.reshape(-1, periods)
+    # axes of branches, of m loads and frequencies, and of n directions
+    three_axes = (len(names), -1, len(several_directions))
+    reduced = targets.reshape(three_axes)
+    rates = units.reshape(three_axes)
+    wavenumbers = np.empty(reduced.shape)
+    group_vectors = np.empty((*reduced.shape, periods))
     for state, pulses in lattices:
         wavenumbers[:, pulses], group_vectors[:, pulses] = _find_wavenumbers(
-            state.contact_lattice(), directions, names, targets[:, pulses], units[:, pulses]
+            state.contact_lattice(),
+            several_directions,
+            names,
+            reduced[:, pulses],
+            rates[:, pulses],
         )
-    return wavenumbers, group_vectors
+    return wavenumbers.reshape(targets.shape), group_vectors.reshape(*targets.shape, periods)
 
 
 def _find_wavenumbers(
@@ -819,14 +823,9 @@ def _find_wavenumbers(
         is_beyond = highest_targets[wave] > _find_last_frequencies(branches, wave)
         rising = np.flatnonzero(~is_beyond)
         if rising.size:
-            rising_targets = targets[b][:, rising]
-            # the direction of each target
-            direction_numbers = np.broadcast_to(rising, rising_targets.shape).ravel()
-            q, velocities = branches.find_wavenumber(
-                wave, direction_numbers, rising_targets.ravel()
+            wavenumbers[b][:, rising], group_vectors[b][:, rising] = _find_rising(
+                branches, wave, rising, targets[b][:, rising]
             )
-            wavenumbers[b][:, rising] = q.reshape(rising_targets.shape)
-            group_vectors[b][:, rising] = velocities.reshape(*rising_targets.shape, -1)
         for n in np.flatnonzero(is_beyond).tolist():
             target = targets[b, :, n]
             branch = branches.take_branch(wave, n)
@@ -834,6 +833,18 @@ def _find_wavenumbers(
                 raise _explain_unreachable(branch, target, units[b, :, n])
             wavenumbers[b, :, n], group_vectors[b, :, n] = branch.find_pulse(target)
     return wavenumbers, group_vectors
+
+
+def _find_rising(
+    branches: AcousticBranches, wave: int, rising: Index, targets: Array
+) -> tuple[Array, Array]:
+    """Return the reduced wavenumbers (m, r) and group velocities (m, r, p) on the branch number
+    ``wave`` in the directions with the numbers ``rising`` (r,), one or more, for reduced angular
+    frequencies ``targets`` (m, r) that the branch reaches before its maximum.
+    """
+    direction_of_target = np.broadcast_to(rising, targets.shape).ravel()
+    wavenumbers, velocities = branches.find_wavenumber(wave, direction_of_target, targets.ravel())
+    return wavenumbers.reshape(targets.shape), velocities.reshape(*targets.shape, -1)
 
 
 def _find_last_frequencies(branches: AcousticBranches, wave: int) -> Array:

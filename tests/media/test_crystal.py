@@ -1025,11 +1025,73 @@ def test_a_state_is_plain_data_and_back(law):
         )
 
 
+STRIP = gp.Crystal.on("triangular", [PLAIN], on_site=1.0).cut(1, 2, ("floor", "free"))
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"kind": [1, 1]}, "a ball has no kind"),
+        ({"names": []}, "not as many names as kinds"),
+        ({"faces": {"balls": [[9], [1]]}}, "names a ball that is not there"),
+        ({"faces": {"axis": 2}}, "across an axis that is not there"),
+        ({"faces": {"edges": ["glued", "free"]}}, "held as no face is"),
+        ({"on_site": [[1.0], [1.0]]}, "not those of the motions"),
+        ({"deviations": [-1.0, 0.0]}, "a ball has no diameter"),
+    ],
+)
+@pytest.mark.filterwarnings("ignore::granphon.base.errors.UnverifiedFileWarning")
+def test_data_that_make_no_crystal_are_told_in_words(changes, message):
+    data = STRIP.to_dict()
+    del data["digest"]
+    faces = [face | changes.get("faces", {}) for face in data["faces"]]
+    with pytest.raises(InputError, match=message):
+        gp.Crystal.from_dict(data | changes | {"faces": faces})
+
+
+@pytest.mark.parametrize(
+    ("name", "array"),
+    [
+        ("displacements", [[0.0, 0.0]]),
+        ("strain", [[0.0, 0.0], [0.0, 0.0]]),
+        ("ways", [0.0]),
+    ],
+)
+@pytest.mark.filterwarnings("ignore::granphon.base.errors.UnverifiedFileWarning")
+def test_a_state_of_another_crystal_is_refused(name, array):
+    data = STRIP.touch().to_dict()
+    del data["digest"]
+    if name == "strain":
+        data["stress"] = array
+    with pytest.raises(InputError, match=f"{name} of the CrystalState has the shape"):
+        gp.CrystalState.from_dict(data | {name: array})
+
+
+@pytest.mark.parametrize(
+    ("attributes", "message"),
+    [
+        ({"kinds": {"A": PLAIN}}, "Give pairs of a name and a granphon.Ball"),
+        ({"kinds": (("A", 8e-3),)}, "the kinds are"),
+        ({"kinds": (("A", PLAIN), ("A", PLAIN))}, "Give each another name"),
+        ({"kinds": (("A", PLAIN),), "given": PLAIN}, "given is Ball"),
+    ],
+)
+def test_arrangements_that_are_none_are_refused(attributes, message):
+    with pytest.raises(InputError, match=message):
+        gp.Arrangement(lattice="triangular", **attributes)
+
+
+@pytest.mark.parametrize("find", [lambda x: x.mindlin_ratios, lambda x: x.faces[0].balls[1]])
+def test_a_crystal_hands_out_no_array_that_can_be_changed(find):
+    with pytest.raises(ValueError, match="read-only"):
+        find(STRIP)[0] = 0
+
+
 SQUARE = gp.Crystal.on("square", [PLAIN])
 ERRORS = {
     "text of bytes": (lambda: gp.Crystal(b"x", [[8e-3]], [[0.0]]), "the balls are b.x"),
     "ball": (lambda: gp.Crystal(["x"], [[8e-3]], [[0.0]]), "'x' is not a ball"),
-    "count": (lambda: gp.Crystal([S, A], [[8e-3]], [[0.0]]), "there are 2 balls and 1 positions"),
+    "count": (lambda: gp.Crystal([S, A], [[8e-3]], [[0.0]]), "there are 2 balls and 1 position"),
     "cell": (lambda: gp.Crystal([S], [[8e-3, 0.0]], [[0.0]]), "the cell has the shape"),
     "turned": (lambda: gp.Crystal([PLAIN], [[0.0, 8e-3]], [[0.0, 0.0]]), "does not lie along x"),
     "flat": (lambda: gp.Crystal([PLAIN], np.zeros((2, 2)), [[0.0, 0.0]]), "has no room for a ball"),

@@ -13,6 +13,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 import granphon as gp
+from granphon.balls.loads import Load
 from granphon.base.errors import InputError
 from granphon.media.arrangement import Arrangement, CrystalMedium
 from tests import packings
@@ -246,3 +247,8 @@ def test_the_cut_of_a_given_crystal_is_told_by_its_faces_alone():
 def test_a_crystal_is_loaded_by_a_load():
     with pytest.raises(InputError, match="load is 3"):
         CrystalMedium(Arrangement.of(CHAIN)).at(3)
+
+
+def test_a_gravity_of_zero_needs_nothing_that_holds_balls():
+    state = CrystalMedium(Arrangement.of(CHAIN)).at(Load("force", 2.0, gravity=0.0))
+    assert_allclose(state.force, 2.0)

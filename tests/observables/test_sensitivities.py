@@ -102,6 +102,14 @@ def test_a_chain_of_springs_in_a_row():
     )
 
 
+def test_derivatives_of_the_modulus_of_a_chain_are_in_newtons():
+    moduli = gp.moduli(random_network("chain", (4,)))
+    data = moduli.sensitivities.to_dict()
+    assert data["units"]["normal_stiffness"] == "N/(N/m)"
+    assert moduli.to_dict()["units"]["tensor"] == "N"
+    assert type(moduli.sensitivities).from_dict(data) == moduli.sensitivities
+
+
 @pytest.mark.parametrize("prestress", [False, True])
 def test_a_cell_of_many_balls_has_the_derivatives_of_few(prestress):
     """Sparse factors: a supercell has, in all copies together, what the cell has."""
