@@ -173,12 +173,13 @@ def tell_interruption(describe_folder: Callable[[], str]) -> Iterator[None]:
 def write_range(value: Any, unit: str, digits: int = 5) -> str:
     """Return the text of a ``value`` in the SI ``unit``, with a decimal prefix and this number of
     ``digits``. Several values, in any shape, have the least and the greatest, "1 N to 2 N"; if
-    these are equal, one is written.
+    the texts of these are equal, one is written.
     """
     import numpy as np  # not above, so that the help of a command needs no numpy
 
-    ends = np.unique([np.min(value), np.max(value)]).tolist()
-    return " to ".join(write_quantity(end, unit, digits) for end in ends)
+    ends = (float(np.min(value)), float(np.max(value)))
+    # a dictionary without values, as a set has no order
+    return " to ".join(dict.fromkeys(write_quantity(end, unit, digits) for end in ends))
 
 
 def _write(value: Any, unit: str) -> str:
@@ -428,8 +429,8 @@ def _write_number(value: Any, error: Any, unit: str, digits: int) -> str:
     if values.size == 1:
         return write_uncertain(float(values[0]), float(errors[0]), unit)
     largest = float(np.max(np.abs(values)))
-    ends = np.unique([np.min(errors), np.max(errors)]).tolist()
-    texts = [write_error(end, largest, unit) for end in ends]
+    ends = (float(np.min(errors)), float(np.max(errors)))
+    texts = dict.fromkeys(write_error(end, largest, unit) for end in ends)
     return f"{write_range(values, unit)} +/- {' to '.join(texts)}"
 
 

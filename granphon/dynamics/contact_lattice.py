@@ -27,6 +27,7 @@ from granphon.base.errors import InputError, InstabilityError
 from granphon.base.memory import require_memory
 from granphon.base.results import Result, held, result_class
 from granphon.base.scales import Units, write_quantity
+from granphon.base.text import counted
 from granphon.base.threads import share_out, single_products
 from granphon.base.validation import not_negative, positive, real_array, require_instance
 from granphon.dynamics.blocks import Block, find_blocks
@@ -135,7 +136,8 @@ class ContactLattice(LongWaves):
         are the motions of each ball, by default the first choice of the lattice's dimension.
 
         Raises :class:`~granphon.base.errors.InputError` for an unknown lattice, for a number that
-        is not finite or out of range, and for ``motions`` that are no :class:`Motions`.
+        is not finite or out of range, and for ``motions`` that are no :class:`Motions`. The same
+        arguments give the same object.
         """
         distance = positive("spacing", spacing)
         if distance >= 2.0:
@@ -279,8 +281,9 @@ class ContactLattice(LongWaves):
         ``wavevectors`` are (n_q, p), 1/d. Frequencies of branches that vanish at every q, and of
         modes that vanish at one q, are exactly zero.
 
-        Raises :class:`~granphon.base.errors.InputError` for a wave vector of another shape or not
-        finite, and where results do not fit into memory;
+        Raises :class:`~granphon.base.errors.InputError` for wave vectors that are no real numbers,
+        of another shape or not finite, where results do not fit into memory, and for a lattice
+        without contacts;
         :class:`~granphon.base.errors.PrecisionError` for a wave vector too far from Gamma; and
         :class:`~granphon.base.errors.InstabilityError` if prestress makes a squared frequency
         negative.
@@ -329,8 +332,9 @@ class ContactLattice(LongWaves):
         Raises
         ------
         InputError : a wave vector is Gamma and no direction is given, as sound has no velocity
-            without one; there is no wave vector, or one of a wrong shape or not finite; a direction
-            of another shape, not finite or of length zero; or the results do not fit into memory.
+            without one; there is no wave vector; wave vectors that are no real numbers, of a wrong
+            shape or not finite; a direction of another shape, not finite or of length zero; the
+            results do not fit into memory; or the lattice has no contacts.
         PrecisionError : a wave vector is too far from Gamma.
         InstabilityError : prestress makes a squared frequency negative.
         """
@@ -394,7 +398,7 @@ class ContactLattice(LongWaves):
         or if :meth:`LongWaves.require_rigid` raises.
 
         With ``units`` the error about springs tells the lowest cut-off frequency, Hz, and the
-        curvature of its branch there along x.
+        curvature of its branch there along x; what :meth:`find_onset` raises is then raised too.
         """
         if self.is_anchored:
             why = "Long waves begin at a cut-off frequency, and have no velocity"
@@ -418,14 +422,16 @@ class ContactLattice(LongWaves):
         Parameters
         ----------
         wavevectors : (n_q, p), 1/d.
-        branches : (n_q, b) numbers of the branches at each wave vector; all of them by default.
+        branches : (n_q, b) numbers of the branches at each wave vector, one or more; all of them by
+            default.
         axes : (d, d) unit vectors, rows: the axes of the motions of balls; by default those of the
             lattice.
 
         Raises
         ------
-        InputError : a wave vector of another shape or not finite; branches of another shape, or
-            that the lattice does not have; or the energies do not fit into memory.
+        InputError : wave vectors that are no real numbers, of another shape or not finite; no wave
+            vector; branches of another shape, or that the lattice does not have; the energies do
+            not fit into memory; or the lattice has no contacts.
         PrecisionError : a wave vector is too far from Gamma.
         InstabilityError : a squared frequency is negative.
         """
@@ -435,6 +441,7 @@ class ContactLattice(LongWaves):
         q = as_wavevectors(wavevectors, self.periods)
         if branches is None:
             branches = np.broadcast_to(np.arange(self.n_branches), (len(q), self.n_branches))
+        branches = np.asarray(branches)
         self._require_branches(branches, len(q))
         kinds = {row.kind for row in self.unit_rows}
         numbers_per_mode = (len(kinds) + 3) * len(self.contacts) + 2 * self.n_branches
@@ -461,13 +468,17 @@ class ContactLattice(LongWaves):
 
     def _require_branches(self, branches: Index, n_points: int) -> None:
         """Raise :class:`~granphon.base.errors.InputError` unless ``branches`` (n_points, b) are
-        numbers of branches at ``n_points`` wave vectors.
+        numbers of branches, one or more, at ``n_points`` wave vectors, one or more.
         """
-        has_shape = branches.ndim == 2 and len(branches) == n_points
-        if not has_shape or not np.all((branches >= 0) & (branches < self.n_branches)):
+        has_shape = branches.ndim == 2 and len(branches) == n_points and branches.size > 0
+        are_branches = np.issubdtype(branches.dtype, np.integer) and np.all(
+            (branches >= 0) & (branches < self.n_branches)
+        )
+        if not has_shape or not are_branches:
             raise InputError(
                 f"branches has the shape {branches.shape}, or numbers that are none of branches",
-                f"There are {n_points} wave vectors and {self.n_branches} branches",
+                f"There are {counted(n_points, 'wave vector')} and"
+                f" {counted(self.n_branches, 'branch', 'branches')}",
                 f"Give an array ({n_points}, b) of numbers from 0 to {self.n_branches - 1}",
             )
 
@@ -725,8 +736,10 @@ class ContactLattice(LongWaves):
         single one, or of so few that C(q) has some :data:`_ENTRIES` entries at most.
 
         Wave vectors of large cells are shared out to all processors, one by one. Without wave
-        vectors ``find`` is called once, with an empty slice, so that its result has a shape.
+        vectors ``find`` is called once, with an empty slice, so that its result has a shape. Raises
+        what :meth:`_require_contacts` raises.
         """
+        self._require_contacts()
         length = 1
         if self._large is None:
             entries_per_point = 2 * len(self.contacts) * self.n_branches
@@ -756,8 +769,9 @@ class ContactLattice(LongWaves):
     @cached_property
     def _blocks(self) -> list[Block]:
         """Sets of motions of the frame that no contact joins to other motions, with their rows of
-        C(q).
+        C(q). Raises what :meth:`_require_contacts` raises.
         """
+        self._require_contacts()
         kinds = [self._deforming, self._pushing] if self.is_prestressed else [self._deforming]
         # (kinds, n_c, n_branches), whether a motion takes part in a row at some wave vector
         effects = [waves.find_effects() for waves in kinds]
@@ -921,7 +935,8 @@ class ContactLattice(LongWaves):
 
         Raises
         ------
-        InputError : wave vectors of another shape or not finite, or another number of frequencies.
+        InputError : wave vectors or frequencies that are no real numbers; wave vectors of another
+            shape or not finite; or another number of frequencies.
         PrecisionError : a wave vector is too far from Gamma.
         """
         q, _ = self._fold(wavevectors)

@@ -133,9 +133,10 @@ class Losses:
     def of(cls, network: ContactNetwork, given_losses: GivenLosses = NO_LOSSES) -> Self:
         """Return the losses of a ``network``, from ``given_losses`` of a public call.
 
-        Raises :class:`~granphon.base.errors.InputError` for numbers below zero or above
-        :data:`LARGEST_LOSSES`, for a restitution not between :data:`LEAST_RESTITUTION` and 1, and
-        for arrays of another length.
+        Raises :class:`~granphon.base.errors.InputError` for what is no finite number, for numbers
+        below zero or above :data:`LARGEST_LOSSES`, for a restitution not between
+        :data:`LEAST_RESTITUTION` and 1, for arrays of another shape, and for tuples of another
+        length than two.
         """
         count = network.n_contacts
         collisions = require("restitution", _read_restitution, given_losses.restitution)
@@ -283,7 +284,8 @@ def read_loss(name: str, value: Any, rule: Rule) -> Any:
     """Return the numbers of a loss, one or more, as ``rule`` reads them from ``value``.
 
     ``name`` is that of the loss in :data:`LARGEST_LOSSES`. Raises
-    :class:`~granphon.base.errors.Refused` for numbers above the largest.
+    :class:`~granphon.base.errors.Refused` for numbers above the largest, and for what ``rule``
+    refuses.
     """
     losses = rule(value)
     highest_loss = float(np.max(losses))
@@ -297,8 +299,8 @@ def read_loss(name: str, value: Any, rule: Rule) -> Any:
 def _read_restitution(value: Any) -> NDArray[Any]:
     """Return the numbers of a restitution, one or more, from ``value``.
 
-    Raises :class:`~granphon.base.errors.Refused` for numbers below :data:`LEAST_RESTITUTION` or
-    above 1.
+    Raises :class:`~granphon.base.errors.Refused` for what is no finite number, and for numbers
+    below :data:`LEAST_RESTITUTION` or above 1.
     """
     restitution = finite_numbers(value)
     is_outside = (restitution < LEAST_RESTITUTION) | (restitution > 1.0)
@@ -327,8 +329,8 @@ def _read_pair(name: str, value: Any, count: int, parts: str = "normal, tangenti
     both, or a tuple of two numbers or arrays.
 
     ``name`` is that of the loss in :data:`LARGEST_LOSSES`, and messages call the two ``parts``.
-    Raises :class:`~granphon.base.errors.InputError` for numbers below zero or above the largest,
-    and for another shape.
+    Raises :class:`~granphon.base.errors.InputError` for what is no finite number, for numbers below
+    zero or above the largest, for another shape, and for a tuple of another length than two.
     """
     pair = value if isinstance(value, tuple) else (value, value)
     if len(pair) != 2:

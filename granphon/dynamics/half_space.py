@@ -164,9 +164,9 @@ class HalfSpace:
     network has p periods, of which p - 1 lie along the edge.
 
     Raises :class:`~granphon.base.errors.InputError` for an axis or an edge that
-    :meth:`ContactNetwork.cut` refuses, for layers that no contact joins, for layers too large for
-    the memory, and under ``prestress`` for static tangential forces or torques and for slip by
-    levers that exceed the arms.
+    :meth:`ContactNetwork.cut` refuses, for layers that no contact joins, for motions that deform no
+    contact, for layers too large for the memory, and under ``prestress`` for static tangential
+    forces or torques and for slip by levers that exceed the arms.
     """
 
     def __init__(self, network: ContactNetwork, axis: Any, edge: str | Wall = "free") -> None:

@@ -589,8 +589,9 @@ class LongWaves(Compatibility):
     def require_rigid(self) -> None:
         """Raise :class:`~granphon.base.errors.MechanismError` if the lattice has a
         :attr:`mechanism`, and :class:`~granphon.base.errors.InputError` if bodies that do not move,
-        or springs to the ground, hold the balls.
+        or springs to the ground, hold the balls, and if there are no contacts.
         """
+        self._require_contacts()
         if self.is_held:
             raise InputError(
                 "the balls touch bodies that do not move: a floor, a wall, or a clamped layer",
@@ -977,8 +978,8 @@ class LongWaves(Compatibility):
 
         Raises
         ------
-        InputError : bodies that do not move, or springs to the ground, hold the balls; or an
-            argument that :meth:`acoustic_tensor` refuses.
+        InputError : bodies that do not move, or springs to the ground, hold the balls; there are no
+            contacts; or an argument that :meth:`acoustic_tensor` refuses.
         MechanismError : the lattice has a :attr:`mechanism`.
         InstabilityError : static forces make a squared velocity negative, or an inner motion
             unstable that a gradient moves.
@@ -1070,10 +1071,9 @@ class LongWaves(Compatibility):
 
     @cached_property
     def wave_names(self) -> tuple[str, ...]:
-        """Names of the long waves: "longitudinal", then "transverse", or "transverse_slow" and
-        "transverse_fast".
-
-        On a plane of balls that also move across it, "out_of_plane" is the last.
+        """Names of the n_u long waves. "longitudinal" is the first, if balls move along all
+        periods. Then follows "transverse", or "transverse_slow" and "transverse_fast", for the
+        other displacements. If balls in a plane leave it, "out_of_plane" is the last.
         """
         return name_waves(self.motions.translations, self.periods)
 
@@ -1100,9 +1100,9 @@ class LongWaves(Compatibility):
 
         Raises
         ------
-        InputError : balls do not move along the periods or touch bodies that do not move; springs
-            to the ground resist their displacements, or with two or three periods their rotations;
-            or a prestress that :meth:`gradient_stiffness` refuses.
+        InputError : balls do not move along the periods, touch nothing or touch bodies that do not
+            move; springs to the ground resist their displacements, or with two or three periods
+            their rotations; or a prestress that :meth:`gradient_stiffness` refuses.
         MechanismError : the lattice has a :attr:`mechanism`.
         InstabilityError : under prestress some strain has a modulus below zero, or moves an inner
             motion of negative energy.

@@ -442,7 +442,7 @@ class MatchFrequencies:
     def evaluate(self, network: ContactNetwork) -> tuple[float, dict[str, Any]]:
         """Return the sum of the squares of the misfits over their errors, without a unit, and its
         derivatives by name: (n_c,) for contacts, (n,) for balls, and (n, motions) for springs to
-        the ground.
+        the ground. Raises InputError as :meth:`find_residuals` does.
         """
         residuals, slopes = self.find_residuals(network)
         # the derivative of r^2 is 2 r dr
@@ -456,6 +456,7 @@ class MatchFrequencies:
         assigned, or some frequency of a ``network`` is not matched; "" otherwise.
 
         ``value``, that of :meth:`evaluate`, stands in the signature of all goals, and is not used.
+        Raises InputError as :meth:`find_residuals` does.
         """
         residuals, _slopes = self.find_residuals(network)
         if self.shapes is not None:

@@ -109,8 +109,8 @@ class _Group:
         """Return the least and the greatest value of the variables, SI, from the argument
         ``bounds`` of :func:`granphon.design` for all ``names``.
 
-        InputError if there is nothing to vary, or if the bounds begin at zero where a network must
-        be above zero.
+        InputError if there is nothing to vary, for bounds that :func:`read_bounds` refuses, and if
+        the bounds begin at zero where a network must be above zero.
         """
         if not self.count:
             fault = f"the network has no {self.name} to vary"
@@ -258,7 +258,8 @@ class Variables:
     def read_sums(self, constraints: Mapping[str, float] | None) -> list[tuple[Array, float]]:
         """Return, for each of the ``constraints``, {name: total}, the weights (n,) with which the
         variables add up to the sum over all balls or contacts, and the total that the sum keeps,
-        SI. InputError for names that do not vary, and totals out of reach.
+        SI. InputError for what is no mapping, for names that do not vary, and for totals that are
+        no numbers or out of reach.
         """
         total_of_name: Any = {} if constraints is None else constraints
         if not isinstance(total_of_name, Mapping):

@@ -136,7 +136,7 @@ class EffectiveLaw(SpreadLaw):
     coefficient : c of Hertz's law of equal balls, N/m^(3/2).
     width : W, the width of the distribution of diameters, m.
     shape : the shape of the distribution.
-    xi : the local-field factor Xi.
+    xi : the local-field factor Xi, above zero and finite.
     """
 
     coefficient: float
@@ -953,6 +953,7 @@ class _CurveSolver:
     def __init__(
         self, shape: Shape, xi: float, stages: int, tolerance: float, longest: float, n_nodes: int
     ) -> None:
+        """Divide the range below the series into steps; none of them is solved yet."""
         self.shape = shape
         self.xi = xi
         self.tolerance = tolerance
