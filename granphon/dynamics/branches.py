@@ -442,7 +442,8 @@ def _find_path_modes(
     (n, p), unit vectors.
 
     ``last_vectors`` (n, n_dof, n_branches) are the eigenvectors at the point before the first of
-    these points, for the overlap with the eigenvectors at the first.
+    these points, for the overlap with the eigenvectors at the first. Raises what
+    :meth:`ContactLattice.modes` raises.
     """
     size = lattice.n_branches
     wavevectors = (q[..., None] * along[:, None]).reshape(-1, lattice.periods)
@@ -464,6 +465,7 @@ def _find_sound(
 
     ``directions`` (n, p) are unit vectors. Sound is recognised by the motion of the centre of mass:
     other motions of zero frequency at Gamma, such as balls turning like gears, leave it at rest.
+    Raises what :meth:`ContactLattice.sound_velocities` raises.
     """
     _, polarisations = lattice.sound_velocities(directions)
     size = lattice.n_branches

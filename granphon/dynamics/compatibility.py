@@ -1044,7 +1044,8 @@ class Compatibility:
 
     def _compute_frame_matrix(self, wavevectors: ArrayLike) -> NDArray[Any]:
         """Return D(q) (n_q, n_branches, n_branches), k/M, in the motions of :attr:`_wave_frame`,
-        with the effect of static forces; ``wavevectors`` are (n_q, p), 1/d.
+        with the effect of static forces; ``wavevectors`` are (n_q, p), 1/d. Raises what
+        :meth:`compatibility` raises.
         """
         q = as_wavevectors(wavevectors, self.periods)
         rows = self._deforming.compute_rows(q)

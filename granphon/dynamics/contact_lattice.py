@@ -229,47 +229,19 @@ class ContactLattice(LongWaves):
         cell[:, len(cell) :] = 0.0  # rounding alone, as the periods lie along the first axes
         is_moving = network.moving
         units = network.scales
-        numbers = contacts.numbers
-        normal_stiffness = network.normal_stiffness[numbers]
-        rotational_unit = normal_stiffness * units.length**2  # of torques over angles
         motions = allowed_motions(network.dimension)[network.motions]
         anchored_balls, springs = _find_springs(network, contacts.axes, motions)
-
-        def extend(values: Array, spring_value: float = 0.0) -> Array:
-            """Return ``values`` (n_c, ...) of contacts, followed by ``spring_value`` for each of
-            the n_g springs to the ground, (n_c + n_g, ...).
-            """
-            shape = (len(anchored_balls), *values.shape[1:])
-            return np.concatenate([values, np.full(shape, spring_value)])
-
-        static_fields: dict[str, Any] = {}
-        if network.prestress:
-            static_fields = {
-                "prestress": extend(contacts.find_prestress()),
-                "tangential_force": extend(contacts.find_tangential_forces()),
-                "contact_torque": extend(contacts.find_torques()),
-            }
         return cls(
             cell / units.length,
             contacts.turn(network.positions[is_moving]) / units.length,
             _add_springs(contacts.tabulate(), anchored_balls, int(np.count_nonzero(is_moving))),
-            extend(network.shear_stiffness[numbers] / normal_stiffness),
-            # the stiffness one of a spring multiplies that of on_site
-            stiffness=extend(normal_stiffness / units.stiffness, 1.0),
             masses=network.masses[is_moving] / units.mass,
             gyration=find_gyration(network)[is_moving] / units.length,
-            torsion=extend(network.torsion_stiffness[numbers] / rotational_unit),
-            bending=extend(network.bending_stiffness[numbers] / rotational_unit),
-            tangential_growth=extend(network.tangential_growth[numbers] * units.length),
-            lever_excesses=np.array([extend(at_end) for at_end in contacts.find_excesses()]),
-            slip_stretch=extend(network.slip_stretch[numbers]),
-            arm_rates=extend(network.arm_rates[numbers]),
             turns_with_balls=network.turns_with_balls,
-            distance=extend(network.distance[numbers] / units.length, 1.0),
             motions=motions,
             on_site=springs if len(anchored_balls) else None,
             name="of this network",
-            **static_fields,
+            **contacts.list_arguments(len(anchored_balls)),
         )
 
     # -- vibrations --------------------------------------------------------------------------------
@@ -284,9 +256,10 @@ class ContactLattice(LongWaves):
         Raises :class:`~granphon.base.errors.InputError` for wave vectors that are no real numbers,
         of another shape or not finite, where results do not fit into memory, and for a lattice
         without contacts;
-        :class:`~granphon.base.errors.PrecisionError` for a wave vector too far from Gamma; and
+        :class:`~granphon.base.errors.PrecisionError` for a wave vector too far from Gamma;
         :class:`~granphon.base.errors.InstabilityError` if prestress makes a squared frequency
-        negative.
+        negative; and :class:`~granphon.base.errors.ConvergenceError` if, in a cell of many balls,
+        Lanczos's method does not find the low modes.
         """
         q, _ = self._fold(wavevectors)
         self._require_memory_of_results(len(q), has_vectors=False)
@@ -337,6 +310,7 @@ class ContactLattice(LongWaves):
             results do not fit into memory; or the lattice has no contacts.
         PrecisionError : a wave vector is too far from Gamma.
         InstabilityError : prestress makes a squared frequency negative.
+        ConvergenceError : in a cell of many balls Lanczos's method does not find the low modes.
         """
         q = as_wavevectors(wavevectors, self.periods)
         if not len(q):
@@ -434,6 +408,7 @@ class ContactLattice(LongWaves):
             not fit into memory; or the lattice has no contacts.
         PrecisionError : a wave vector is too far from Gamma.
         InstabilityError : a squared frequency is negative.
+        ConvergenceError : in a cell of many balls Lanczos's method does not find the low modes.
         """
         # frequencies alone do not need the derivatives
         from granphon.dynamics.sensitivities import ModeEnergies, turn_motions
@@ -528,7 +503,8 @@ class ContactLattice(LongWaves):
 
     def _find_vectors(self, q: Array) -> tuple[Array, Complex]:
         """Return frequencies (n_q, n_branches) and eigenvectors (n_q, n_branches, n_branches), as
-        columns, at a few wave vectors q (n_q, p), 1/d; n_q is one for large cells.
+        columns, at a few wave vectors q (n_q, p), 1/d; n_q is one for large cells. Raises what
+        :meth:`_find_modes` raises.
         """
         is_limit = np.all(q == 0.0, axis=1) | _is_almost_gamma(q)
         if self._large is not None and not np.any(is_limit):
@@ -613,7 +589,7 @@ class ContactLattice(LongWaves):
     def _find_modes(self, wavevectors: Array, along: Array) -> tuple[NDArray[Any], ...]:
         """Return the arrays of :class:`Modes`, in the order of its attributes, at a few
         ``wavevectors`` (n_q, p), 1/d, through which paths run in the directions ``along`` (n_q, p),
-        unit vectors.
+        unit vectors. Raises what :meth:`_fold` and :meth:`_solve_with_velocities` raise.
         """
         q, copies = self._fold(wavevectors)
         # modes at Gamma are limits along the direction, and modes very near Gamma limits along q
@@ -666,7 +642,8 @@ class ContactLattice(LongWaves):
         """Return frequencies (n_q, n_branches), (k/M)^1/2, ascending, at wave vectors q (n_q, p),
         1/d; n_q is one at most for large cells.
 
-        Raises :class:`~granphon.base.errors.InstabilityError` if a squared frequency is negative.
+        Raises :class:`~granphon.base.errors.InstabilityError` if a squared frequency is negative,
+        and what :class:`~granphon.dynamics.large_cells.LargeCell` raises.
         """
         if self._large is not None and len(q) == 1:
             frequencies = self._large.find_frequencies(q[0])
@@ -686,8 +663,7 @@ class ContactLattice(LongWaves):
         vectors q (n_q, p), 1/d.
 
         Modes of one frequency are those that paths along the unit vectors ``along`` (n_q, p)
-        follow. Raises :class:`~granphon.base.errors.InstabilityError` if a squared frequency is
-        negative.
+        follow. Raises what :meth:`_solve` raises.
         """
         if self._large is not None and len(q) == 1:
             modes = self._large.solve_with_velocities(q[0])
@@ -1099,6 +1075,41 @@ class _LatticeContacts(NamedTuple):
         vector[self.is_held] = 0.0
         normal = self._orient(network.normal)
         return freeze_contacts(i, j, shift, normal, vector, arm_i / length, arm_j / length)
+
+    def list_arguments(self, n_springs: int) -> dict[str, Any]:
+        """Return the arguments of :class:`ContactLattice`, by name, that have a value for each
+        contact, and behind these one for each of ``n_springs`` springs to the ground.
+        """
+        network = self.network
+        units = network.scales
+        numbers = self.numbers
+        normal_stiffness = network.normal_stiffness[numbers]
+        rotational_unit = normal_stiffness * units.length**2  # of torques over angles
+
+        def extend(values: Array, spring_value: float = 0.0) -> Array:
+            """Return ``values`` (n_c, ...) of contacts, followed by ``spring_value`` for each of
+            the n_g springs to the ground, (n_c + n_g, ...).
+            """
+            shape = (n_springs, *values.shape[1:])
+            return np.concatenate([values, np.full(shape, spring_value)])
+
+        arguments: dict[str, Any] = {
+            "mindlin_ratio": extend(network.shear_stiffness[numbers] / normal_stiffness),
+            # the stiffness one of a spring multiplies that of on_site
+            "stiffness": extend(normal_stiffness / units.stiffness, 1.0),
+            "torsion": extend(network.torsion_stiffness[numbers] / rotational_unit),
+            "bending": extend(network.bending_stiffness[numbers] / rotational_unit),
+            "tangential_growth": extend(network.tangential_growth[numbers] * units.length),
+            "lever_excesses": np.array([extend(at_end) for at_end in self.find_excesses()]),
+            "slip_stretch": extend(network.slip_stretch[numbers]),
+            "arm_rates": extend(network.arm_rates[numbers]),
+            "distance": extend(network.distance[numbers] / units.length, 1.0),
+        }
+        if network.prestress:
+            arguments["prestress"] = extend(self.find_prestress())
+            arguments["tangential_force"] = extend(self.find_tangential_forces())
+            arguments["contact_torque"] = extend(self.find_torques())
+        return arguments
 
     def find_prestress(self) -> Array:
         """Return the compressive forces over the distances of the centres (n_c,), in units of k."""

@@ -835,8 +835,7 @@ class HalfSpace:
         It is the velocity v at which the surface impedance Z(v), which is Hermitian, is singular.
         Z is positive at v = 0, and falls with v up to a limit: the velocity at which a bulk wave
         first runs along the edge. Raises :class:`~granphon.base.errors.GranphonError` if Z is
-        singular nowhere below this limit, and :class:`~granphon.base.errors.InputError` as
-        :meth:`_find_continuum` does.
+        singular nowhere below this limit, and what :meth:`_find_continuum` raises.
         """
         from scipy.optimize import brentq, minimize_scalar
 
@@ -867,7 +866,8 @@ class HalfSpace:
 
         Raises :class:`~granphon.base.errors.InputError` for an edge that is held, for one period or
         balls that do not move along the edge and across it, for two periods that do not lie in the
-        xy plane, and as :meth:`ContactLattice.require_rigid` does, for a mechanism.
+        xy plane; and what :meth:`ContactLattice.require_rigid`, as for a mechanism, and
+        :meth:`ContactLattice.gradient_stiffness` raise.
         """
         if self.edge != "free":
             raise InputError(

@@ -827,10 +827,8 @@ def _differentiate_curve(curve: EffectiveCurve) -> tuple[Array, Array, Array]:
     tables = []
     first_solved = curve.steps.shape[1]  # steps from this number on are solved
     while first_solved:
-        steps = _list_steps(curve, slice(max(0, first_solved - _MANY_STEPS), first_solved))
-        block = Block.of(steps, points)
-        step_count = averages.limit_steps(block) if averages else len(steps)
-        block = Block.of(steps[:step_count], points)
+        block = _take_solved(curve, first_solved, points, averages)
+        step_count = len(block.origin)
         balls = averages.balls(block) if averages else DensityBalls(shape, xi, _N_NODES, block)
         steps_of_block = slice(first_solved - step_count, first_solved)
         values = chebyshev.chebval(points, curve.tables[STIFFNESS][:, steps_of_block])
@@ -846,6 +844,20 @@ def _differentiate_curve(curve: EffectiveCurve) -> tuple[Array, Array, Array]:
     rise = 2.0 * curve.steps[2] * curve.steps[1:]
     forces = _integrate_over_steps(stiffness, rise, force_slope)
     return _integrate_over_steps(forces, rise, 0.0), forces, stiffness
+
+
+def _take_solved(
+    curve: EffectiveCurve, end: int, points: Array, averages: PointAverages | None
+) -> Block:
+    """Return the block of the steps of a ``curve`` below number ``end``, with ``points`` (s + 1,)
+    from -1 to 1 on each: as many steps as are worked on at once, which for listed diameters their
+    ``averages`` limit.
+    """
+    steps = _list_steps(curve, slice(max(0, end - _MANY_STEPS), end))
+    block = Block.of(steps, points)
+    if averages is None:
+        return block
+    return Block.of(steps[: averages.limit_steps(block)], points)
 
 
 def _differentiate_series(curve: EffectiveCurve) -> float:
@@ -998,6 +1010,8 @@ class _CurveSolver:
     def _advance(self) -> bool:
         """Solve the next steps, or divide them if they are not resolved; return False if the curve
         ends at their upper end, as they are not resolved however short they are.
+
+        Raises :class:`~granphon.base.errors.PrecisionError` if that is where the medium is valid.
         """
         # steps are halved towards the first contact, and never contain it
         if self._is_at_first_contact(self.pending_steps[-1]):
