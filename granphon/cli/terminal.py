@@ -147,7 +147,9 @@ def write_of_scene(
         mend = f"Use {allowed}"
         if len(endings) == 1:
             mend = f"Give a name that ends in {endings[0]}"
-        raise InputError(f"--out is {out}, whose ending is not {allowed}", mend=mend)
+        # a name such as ".png" is hidden, and has no ending either
+        fault = f"whose ending is not {allowed}" if target.suffix else "a name without an ending"
+        raise InputError(f"--out is {out}, {fault}", mend=mend)
     scene = Scene.from_yaml(scene_file)
     files = ResultFiles(target.parent, [target.name], force, inputs=scene.origin.inputs)
     with files.open() as locked:

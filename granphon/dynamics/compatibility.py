@@ -573,11 +573,12 @@ class Compatibility:
     def compatibility(self, wavevectors: ArrayLike, derivative: bool = False) -> NDArray[Any]:
         """Return K^1/2 C(q) M^-1/2, (k/M)^1/2, at each wave vector, or its gradient.
 
-        Rows are the elongations of all contacts, then their slips, twists and rolls. Columns are
-        mass-weighted motions: for each vector of the frame the motions of a ball, (x, y, w) in the
-        plane. The first vector of the frame is the motion of the centre of mass, and rotations are
-        divided by i. The matrix is real if the cell has one ball, its contacts have equal arms, and
-        the ball touches no body that does not move.
+        Rows are those of :attr:`rows`: the elongations of all contacts, then their slips, twists
+        and rolls, as far as motions make them and contacts resist them, and last the springs to the
+        ground. Columns are mass-weighted motions: for each vector of the frame the motions of a
+        ball, (x, y, w) in the plane. The first vector of the frame is the motion of the centre of
+        mass, and rotations are divided by i. The matrix is real if the cell has one ball, its
+        contacts have equal arms, and the ball touches no body that does not move.
 
         Parameters
         ----------

@@ -42,7 +42,7 @@ from granphon.balls.motions import Motions
 from granphon.balls.packing import LOSSES
 from granphon.base.arrays import Array, Complex, Index
 from granphon.base.errors import InputError, PrecisionError, Refused, brief
-from granphon.base.results import Result, held, result_class
+from granphon.base.results import Result, held, read_only, result_class
 from granphon.base.validation import Rule, finite_numbers, require
 from granphon.networks.network import ContactNetwork
 
@@ -172,7 +172,7 @@ class Losses:
         masses = find_reduced_masses(network.masses, network.i, network.j)
         viscosity = self.dashpot + self.tsuji * np.sqrt(masses * network.normal_stiffness)
         times = np.divide(viscosity, stiffness, out=np.zeros_like(viscosity), where=stiffness > 0.0)
-        return np.asarray(self.damping + times)
+        return read_only(self.damping + times)
 
     @cached_property
     def dashpots(self) -> Array:

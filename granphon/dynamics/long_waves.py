@@ -241,9 +241,9 @@ class LongWaves(Compatibility):
 
     @property
     def tries_iteration(self) -> bool:
-        """Whether the inner motions of the cell are relaxed by iteration, and not by factors. A
-        cell whose factors would fit into memory is relaxed by factors nevertheless if several balls
-        turn out to be loose together.
+        """Whether iteration is tried to relax the inner motions of the cell. A cell whose factors
+        would fit into memory is relaxed by factors nevertheless if several of its balls turn out to
+        be loose together.
         """
         is_large = self.periods == 3 and self.n_branches > MOST_FIRM_RELAXED_BY_FACTORS
         return is_large and (self._is_too_large_for_factors or self._holds_rotations)
@@ -1067,7 +1067,7 @@ class LongWaves(Compatibility):
         mass_parts, vectors = np.linalg.eigh(self._sound_mass.moving_mass)
         inverse = np.zeros_like(mass_parts)
         np.divide(1.0, mass_parts, out=inverse, where=mass_parts > _SOUND_ROUNDING)
-        return np.asarray((vectors * np.sqrt(inverse)) @ vectors.T)
+        return read_only((vectors * np.sqrt(inverse)) @ vectors.T)
 
     @cached_property
     def wave_names(self) -> tuple[str, ...]:
