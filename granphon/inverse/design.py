@@ -246,7 +246,8 @@ def choose_best(
 def _choose_certified(
     problem: Problem, searches: Sequence[SearchOutcome], order: Sequence[int], start: ContactNetwork
 ) -> _Choice:
-    """Return the network that is kept for a gap, whose width, Hz, is that on the finer mesh.
+    """Return the network that is kept for a ``problem`` whose goal is a gap; its width, Hz, is that
+    on the finer mesh.
 
     The ``searches`` are tried in the ``order`` of their starts: the first one whose gap is open on
     the finer mesh is kept, unless ``start``, the given network, has the sums that are to be kept,

@@ -193,7 +193,7 @@ class WidestGap:
 
     def _find_frequencies(self, phonons: Phonons) -> tuple[Array, Array]:
         """Return the wave vectors (n_q, p) of half of the mesh, in fractions of the reciprocal
-        cell, and the frequencies of all branches there, (n_q, n_b), Hz.
+        cell, and the frequencies of all branches of the ``phonons`` there, (n_q, n_b), Hz.
         """
         points = list_half_mesh(self._list_numbers(phonons.lattice.periods))
         return points, phonons.frequencies(points)
@@ -251,7 +251,7 @@ class WidestGap:
         return "closed, the branches overlap" if width < 0.0 else ""
 
     def estimate_memory(self, network: ContactNetwork) -> float:
-        """Return the memory that :meth:`evaluate` takes, bytes."""
+        """Return the memory that :meth:`evaluate` of a ``network`` takes, bytes."""
         lattice = Phonons(network).lattice
         n_points = math.prod(self._list_numbers(lattice.periods))
         frequency_cost = costs.bands(n_points, lattice.n_branches, eigenvectors=False)
@@ -259,7 +259,7 @@ class WidestGap:
         return max(frequency_cost.working, vector_cost.working) + frequency_cost.kept
 
     def estimate_certificate(self, network: ContactNetwork) -> costs.Cost:
-        """Return the cost of :meth:`certify`, in time and memory."""
+        """Return the cost of :meth:`certify` of a ``network``, in time and memory."""
         lattice = Phonons(network).lattice
         numbers = self._list_numbers(lattice.periods)
         n_points = math.prod(REFINEMENT * number for number in numbers)
@@ -362,7 +362,7 @@ class MatchFrequencies:
             raise InputError(fault, why, "Sort them, or give the wave vectors of branches, q")
 
     def estimate_memory(self, network: ContactNetwork) -> float:
-        """Return the memory that :meth:`evaluate` takes, bytes."""
+        """Return the memory that :meth:`evaluate` of a ``network`` takes, bytes."""
         measured = np.asarray(self.measured)
         if self.q is None:
             cost = Waves(network).estimate("modes", measured.size)
@@ -415,9 +415,10 @@ class MatchFrequencies:
         return residuals, slopes
 
     def _assign_modes(self, modes: NetworkModes) -> tuple[Index, Array]:
-        """Return, for each measured shape, the number (m,) of the mode to which it is assigned, and
-        its overlap (m,) with the shape of that mode: the square of the cosine between the two,
-        weighted by masses and moments of inertia. The sum of the overlaps is the greatest one.
+        """Return, for each measured shape, the number (m,) of that of the ``modes`` to which the
+        shape is assigned, and its overlap (m,) with the shape of that mode: the square of the
+        cosine between the two, weighted by masses and moments of inertia. The sum of the overlaps
+        is the greatest one.
 
         InputError for shapes of other balls or motions, and for a shape of balls that are held.
         """
@@ -493,13 +494,13 @@ class LowestVelocity:
     largest = False
 
     def estimate_memory(self, network: ContactNetwork) -> float:
-        """Return the memory that :meth:`evaluate` takes, bytes."""
+        """Return the memory that :meth:`evaluate` of a ``network`` takes, bytes."""
         n_balls = int(np.count_nonzero(network.moving))
         return costs.relaxation_memory(n_balls, network.ball_motions.count, network.dimension)
 
     def evaluate(self, network: ContactNetwork) -> tuple[float, dict[str, Any]]:
-        """Return the velocity, m/s, and its derivatives by name: (n_c,) for contacts, (n,) for
-        balls, and (n, motions) for springs to the ground.
+        """Return the velocity in a ``network``, m/s, and its derivatives by name: (n_c,) for
+        contacts, (n,) for balls, and (n, motions) for springs to the ground.
 
         Raises InputError for several directions or loads, and for a ``wave`` that is not there; and
         what :func:`granphon.sound_velocities` raises.
@@ -558,15 +559,15 @@ class ResponseAt:
             object.__setattr__(self, name, value)
 
     def estimate_memory(self, network: ContactNetwork) -> float:
-        """Return the memory that :meth:`evaluate` takes, bytes."""
+        """Return the memory that :meth:`evaluate` of a ``network`` takes, bytes."""
         places = (self.source, self.receiver)
         cost = Waves(network).estimate("response", [self.frequency], *places, **self.options)
         return cost.working + cost.kept
 
     def evaluate(self, network: ContactNetwork) -> tuple[float, dict[str, Any]]:
-        """Return the magnitude, in ``unit``, and its derivatives by name: (n_c,) for contacts, (n,)
-        for balls, and (n, motions) for springs to the ground. There are no derivatives where the
-        response is zero. Raises what :meth:`granphon.Waves.response` raises.
+        """Return the magnitude in a ``network``, in ``unit``, and its derivatives by name: (n_c,)
+        for contacts, (n,) for balls, and (n, motions) for springs to the ground. There are no
+        derivatives where the response is zero. Raises what :meth:`granphon.Waves.response` raises.
         """
         waves = Waves(network)
         response = waves.response([self.frequency], self.source, self.receiver, **self.options)

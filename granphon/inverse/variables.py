@@ -296,9 +296,9 @@ class Variables:
 
 
 def _read_values(network: ContactNetwork, field: str, members: Index) -> Array:
-    """Return the values (m,), SI, of a ``field`` of the ``members`` (m,), indices of balls or
-    contacts. For springs to the ground the value is the mean of those against the displacements of
-    a ball, or zero if there are none.
+    """Return the values (m,), SI, of a ``field`` of a ``network`` for the ``members`` (m,), indices
+    of balls or contacts. For springs to the ground the value is the mean of those against the
+    displacements of a ball, or zero if there are none.
     """
     values = getattr(network, field)
     if field != "on_site":
@@ -363,8 +363,9 @@ def find_outside(space: Any, units: Sequence[str] = ()) -> dict[int, str]:
 
 
 def _make_group(network: ContactNetwork, name: str, per: str) -> _Group:
-    """Return the variables of a ``name``: one for "each" ball or contact, or one for all balls of a
-    "kind" or all contacts of a pair of kinds, as ``per`` says. Balls that do not move have none.
+    """Return the variables of a ``name`` in a ``network``: one for "each" ball or contact, or one
+    for all balls of a "kind" or all contacts of a pair of kinds, as ``per`` says. Balls that do not
+    move have none.
     """
     kinds: list[tuple[str, ...]] | None = None
     is_of_balls = not {"masses", "inertias", "on_site"}.isdisjoint(VARIED[name])

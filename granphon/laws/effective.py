@@ -638,8 +638,9 @@ class PointAverages:
         return PointBalls(self._weights, self.xi, *sums)
 
     def _sum_near(self, block: Block, near_contacts: slice) -> list[Array]:
-        """Return the four sums of :meth:`balls` over the ``near_contacts``, contact by contact;
-        arrays of contacts are (near contacts, B) or (near contacts, B, s + 1).
+        """Return the four sums of :meth:`balls` at the points of a ``block`` over the
+        ``near_contacts``, contact by contact; arrays of contacts are (near contacts, B) or (near
+        contacts, B, s + 1).
         """
         openings = self._openings[near_contacts]
         pair_weights = self._pair_weights[..., near_contacts]
@@ -1171,8 +1172,9 @@ def _estimate(
     """Return an estimate of the stiffness k (B, s + 1) at the points of a ``block``, with the value
     ``top_stiffness`` at its upper end.
 
-    The ratio k/<K^Q> is a smooth function of the overlap. It is interpolated from the overlaps and
-    ratios ``guess`` of the last attempt, or without one is a constant.
+    The ratio k/<K^Q>, <K^Q> being the mean stiffness of the ``balls``, is a smooth function of the
+    overlap. The ratio is interpolated from the overlaps and ratios ``guess`` of the last attempt,
+    or without one is a constant.
     """
     ratio = np.ones(block.y.shape) if guess is None else np.interp(block.y, *guess)
     scale = top_stiffness / (balls.mean[0, -1] * ratio[0, -1])
