@@ -475,9 +475,9 @@ def describe_fit(fit: WidthFit) -> list[tuple[str, str]]:
     columns = zip(fit.parameters, fit.values.tolist(), fit.stderrs.tolist(), strict=True)
     for name, value, error in columns:
         unit = PARAMETERS[name] or ""
-        rows.append((spell(name), _write_valued(value, error, unit)))
+        rows.append((spell(name), _write_fitted(value, error, unit)))
         if name == "width":
-            rows.append(("standard deviation", _write_valued(fit.std, fit.std_stderr, "m")))
+            rows.append(("standard deviation", _write_fitted(fit.std, fit.std_stderr, "m")))
     rows.append(("medium", fit.medium))
     words = "error not known"
     if fit.errors_are_known:
@@ -494,7 +494,7 @@ def describe_fit(fit: WidthFit) -> list[tuple[str, str]]:
     return rows
 
 
-def _write_valued(value: float, error: float, unit: str) -> str:
+def _write_fitted(value: float, error: float, unit: str) -> str:
     """Return the text of a fitted ``value`` with its standard ``error``, both in the SI ``unit``,
     which is empty for a plain number. Of an error that is nan or infinite the text says that it is
     not known.
@@ -531,7 +531,7 @@ def describe_response_fit(fit: DampingFit) -> list[tuple[str, str]]:
     for name, value, error in columns:
         # a number without a unit has none in a text
         unit = "" if PARAMETERS[name] == "1" else PARAMETERS[name]
-        rows.append((name.replace("_", " "), _write_valued(value, error, unit)))
+        rows.append((name.replace("_", " "), _write_fitted(value, error, unit)))
     correlation = fit.correlation
     for row, column in combinations(range(len(fit.parameters)), 2):
         words = " and ".join(fit.parameters[index] for index in (row, column))

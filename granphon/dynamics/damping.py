@@ -219,14 +219,14 @@ class Losses:
             " the damping is a time, in s, and no loss factor.",
         )
 
-    def soften(self, omega: Array) -> tuple[Complex, Complex]:
+    def find_stiffness_factors(self, omega: Array) -> tuple[Complex, Complex]:
         """Return the factors (n_f, n_c) by which losses multiply the stiffness against normal
         motion, and that against all other motion, in a motion exp(-i omega t), ``omega`` (n_f,),
         rad/s.
         """
         products = omega[:, None, None] * self.times  # (n_f, 2, n_c)
-        softening: Complex = np.asarray(1.0 - 1j * (products + self.factors), complex)
-        return softening[:, 0], softening[:, 1]
+        stiffness_factors: Complex = np.asarray(1.0 - 1j * (products + self.factors), complex)
+        return stiffness_factors[:, 0], stiffness_factors[:, 1]
 
     def find_even(self) -> tuple[float, float, float] | None:
         """Return the numbers eta, tau, s, and gamma, 1/s, of even losses; None if losses are not
