@@ -770,10 +770,9 @@ class HalfSpace:
         plus :data:`_POLE_TOLERANCE` times the highest w of the crystal.
         """
         order = np.lexsort((w.real, point))
-        half_width = -w[order].imag
-        margin = (
-            tolerance * np.minimum(half_width[1:], half_width[:-1]) + _POLE_TOLERANCE * self.highest
-        )
+        half_widths = -w[order].imag
+        lesser_half_widths = np.minimum(half_widths[1:], half_widths[:-1])
+        margin = tolerance * lesser_half_widths + _POLE_TOLERANCE * self.highest
         is_apart = np.abs(np.diff(w[order])) > margin
         is_new = np.ones(len(order), bool)
         is_new[1:] = (np.diff(point[order]) > 0) | is_apart
