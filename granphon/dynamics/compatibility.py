@@ -591,8 +591,8 @@ class Compatibility:
 
         Raises
         ------
-        InputError : wave vectors that are no real numbers, of another shape or not finite; or the
-            matrices at one wave vector do not fit into memory.
+        InputError : wave vectors that are no real numbers, of another shape or not finite; the
+            matrices at one wave vector do not fit into memory; or the lattice has no contacts.
         """
         waves = self._contact_waves
         rows = waves.compute_rows(as_wavevectors(wavevectors, self.periods), derivative)
@@ -752,8 +752,9 @@ class Compatibility:
         """Return :attr:`rows`, and the square roots (kinds, n_c) of their stiffnesses, k^1/2.
 
         If ``are_static``, return :attr:`static_rows` and the square roots of the absolute values of
-        their stiffnesses instead.
+        their stiffnesses instead. Raises what :meth:`_require_contacts` raises.
         """
+        self._require_contacts()
         if are_static:
             rows = [row for row, _ in self.static_rows]
             sizes = [np.abs(stiffness) for _, stiffness in self.static_rows]

@@ -747,7 +747,6 @@ class ContactLattice(LongWaves):
         """Sets of motions of the frame that no contact joins to other motions, with their rows of
         C(q). Raises what :meth:`_require_contacts` raises.
         """
-        self._require_contacts()
         kinds = [self._deforming, self._pushing] if self.is_prestressed else [self._deforming]
         # (kinds, n_c, n_branches), whether a motion takes part in a row at some wave vector
         effects = [waves.find_effects() for waves in kinds]

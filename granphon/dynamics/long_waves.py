@@ -670,7 +670,8 @@ class LongWaves(Compatibility):
 
         Raises
         ------
-        InputError : ``prestress`` holds no number, or one that is not finite or far too large.
+        InputError : ``prestress`` holds no number, or one that is not finite or far too large; or
+            the lattice has no contacts.
         InstabilityError : static forces make an inner motion unstable that a gradient moves.
         """
         n_u = len(self.motions.translations)
@@ -1194,10 +1195,10 @@ class LongWaves(Compatibility):
         d^2/20 (see the errata). Static forces are left out.
 
         Raises :class:`~granphon.base.errors.InputError` if a cell has more than one rotation, or
-        none; if bodies that do not move, or springs to the ground, hold the ball, as long waves of
-        its displacements then have frequencies above zero too; if nothing resists the rotation at
-        Gamma, as contacts that resist only rolling do not; and for a direction that is not p finite
-        numbers, or zero.
+        none; if there are no contacts; if bodies that do not move, or springs to the ground, hold
+        the ball, as long waves of its displacements then have frequencies above zero too; if
+        nothing resists the rotation at Gamma, as contacts that resist only rolling do not; and for
+        a direction that is not p finite numbers, or zero.
         """
         if self.n_balls != 1 or len(self.motions.rotations) != 1:
             raise InputError(

@@ -339,6 +339,8 @@ def test_balls_without_contacts_have_no_waves(hexagonal):
         lambda: loose.frequencies([[0.1, 0.2]]),
         lambda: loose.modes([[0.1, 0.2]]),
         lambda: loose.free_branch_warnings,
+        lambda: loose.compatibility([[0.1, 0.2]]),
+        lambda: loose.acoustic_tensor((1.0, 0.0)),
         lambda: loose.sound_velocities((1.0, 0.0)),
         loose.elastic_tensor,
     ):
