@@ -2,6 +2,7 @@ import io
 import os
 import re
 import shutil
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -585,6 +586,13 @@ def test_progress_on_a_real_terminal_leaves_stdout_alone(work):
 def test_ends_of_a_range_that_read_alike_are_written_once():
     assert write_range([1.0, 1.0 + 1e-9], "N") == "1 N"
     assert write_range([[2.0], [1.0]], "N") == "1 N to 2 N"
+
+
+def test_a_handler_of_sigterm_that_python_has_not_set_is_no_failure(monkeypatch):
+    handlers = []
+    monkeypatch.setattr(signal, "signal", lambda _number, handler: handlers.append(handler))
+    assert main(["--version"]) == 0
+    assert handlers == [signal.default_int_handler]
 
 
 def test_a_closed_stdout_is_no_failure(work, monkeypatch, capsys):
