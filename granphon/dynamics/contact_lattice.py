@@ -136,8 +136,8 @@ class ContactLattice(LongWaves):
         are the motions of each ball, by default the first choice of the lattice's dimension.
 
         Raises :class:`~granphon.base.errors.InputError` for an unknown lattice, for a number that
-        is not finite or out of range, and for ``motions`` that are no :class:`Motions`. The same
-        arguments give the same object.
+        is not finite or out of range, and for ``motions`` that are no :class:`Motions`. The lattice
+        is cached: equal arguments may give the same object, which nothing changes.
         """
         distance = positive("spacing", spacing)
         if distance >= 2.0:
