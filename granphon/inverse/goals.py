@@ -204,7 +204,8 @@ class WidestGap:
         the ground. Frequencies that hardly count in an edge are left out of the derivatives.
 
         Of ``branches`` and ``smoothing``, one that is not given is chosen at this network. Raises
-        InputError for a ``mesh`` of another number of periods, and as :meth:`choose` does.
+        InputError for a ``mesh`` of another number of periods, and as :meth:`choose` does; and what
+        :meth:`granphon.Phonons.sensitivities` raises, as for a network that is not stable.
         """
         if self.branches is None or self.smoothing is None:
             return self.choose(network, 1)[0].evaluate(network)
@@ -230,7 +231,7 @@ class WidestGap:
     def certify(self, network: ContactNetwork) -> float:
         """Return the width of the gap, Hz, without smoothing, its edges sought from a mesh four
         times finer than that of the search; zero if the gap is closed. ``branches`` that are not
-        given are chosen at this network. Raises InputError as :meth:`evaluate` does.
+        given are chosen at this network. Raises what :meth:`evaluate` raises.
         """
         if self.branches is None:
             return self.choose(network, 1)[0].certify(network)
@@ -378,7 +379,9 @@ class MatchFrequencies:
 
         Without ``sigma`` the errors are the measured frequencies. Raises InputError if ``shapes``
         are of other balls or motions or move no ball, if there are not as many frequencies as are
-        measured, and for wave vectors or branches that the network does not have.
+        measured, and for wave vectors or branches that the network does not have; and what
+        :meth:`granphon.Waves.modes` or :meth:`granphon.Phonons.sensitivities` raises, as for a
+        network that is not stable.
         """
         measured = np.asarray(self.measured, float)
         sigma = measured if self.sigma is None else self.sigma
@@ -443,7 +446,7 @@ class MatchFrequencies:
     def evaluate(self, network: ContactNetwork) -> tuple[float, dict[str, Any]]:
         """Return the sum of the squares of the misfits over their errors, without a unit, and its
         derivatives by name: (n_c,) for contacts, (n,) for balls, and (n, motions) for springs to
-        the ground. Raises InputError as :meth:`find_residuals` does.
+        the ground. Raises what :meth:`find_residuals` raises.
         """
         residuals, slopes = self.find_residuals(network)
         # the derivative of r^2 is 2 r dr
@@ -457,7 +460,7 @@ class MatchFrequencies:
         assigned, or some frequency of a ``network`` is not matched; "" otherwise.
 
         ``value``, that of :meth:`evaluate`, stands in the signature of all goals, and is not used.
-        Raises InputError as :meth:`find_residuals` does.
+        Raises what :meth:`find_residuals` raises.
         """
         residuals, _slopes = self.find_residuals(network)
         if self.shapes is not None:
