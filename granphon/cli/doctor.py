@@ -63,7 +63,9 @@ def _find_home() -> Path | None:
 
 
 def _hide_folders(words: str, home: Path | None) -> str:
-    """Return ``words`` without the folders that they name; names of files in these remain."""
+    """Return ``words`` without the folders that they name; names of files in these remain. The
+    user's own folder is ``home``, None if it is not known.
+    """
     # The user's own folder is taken out first, as its name may hold spaces, at which the search for
     # other folders ends. The root, and a folder named "", have no name to hide.
     if home is not None and home.name:

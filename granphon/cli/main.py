@@ -79,10 +79,9 @@ def _take_signals_and_warnings() -> Iterator[None]:
         else:
             show_as_usual(message, category, filename, lineno, file, line)
 
-    # Python lets no other thread set a handler
-    is_main = threading.current_thread() is threading.main_thread()
     earlier_handler = None
-    if is_main:
+    # Python lets no other thread set a handler
+    if threading.current_thread() is threading.main_thread():
         earlier_handler = signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         with warnings.catch_warnings():
@@ -93,7 +92,8 @@ def _take_signals_and_warnings() -> Iterator[None]:
             forget_warnings()
             yield
     finally:
-        if is_main:
+        # None in another thread, and of a handler that Python has not set and cannot set again
+        if earlier_handler is not None:
             signal.signal(signal.SIGTERM, earlier_handler)
 
 

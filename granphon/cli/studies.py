@@ -277,7 +277,7 @@ def _fit_velocities(
 
 def _choose_medium(scene_file: str, scene: Scene, *, fits_width: bool) -> MediumChoice:
     """Return the one medium of the ``scene``, or the effective medium in place of the averaged
-    lattice where the width of equal balls is fitted. InputError if the scene, of the file
+    lattice where the fit ``fits_width`` of equal balls. InputError if the scene, of the file
     ``scene_file``, has several media.
     """
     from granphon.media.choice import MediumChoice

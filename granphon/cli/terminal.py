@@ -147,7 +147,9 @@ def write_of_scene(
         mend = f"Use {allowed}"
         if len(endings) == 1:
             mend = f"Give a name that ends in {endings[0]}"
-        raise InputError(f"--out is {out}, whose ending is not {allowed}", mend=mend)
+        # a name such as ".png" is hidden, and has no ending either
+        fault = f"whose ending is not {allowed}" if target.suffix else "a name without an ending"
+        raise InputError(f"--out is {out}, {fault}", mend=mend)
     scene = Scene.from_yaml(scene_file)
     files = ResultFiles(target.parent, [target.name], force, inputs=scene.origin.inputs)
     with files.open() as locked:
@@ -173,12 +175,13 @@ def tell_interruption(describe_folder: Callable[[], str]) -> Iterator[None]:
 def write_range(value: Any, unit: str, digits: int = 5) -> str:
     """Return the text of a ``value`` in the SI ``unit``, with a decimal prefix and this number of
     ``digits``. Several values, in any shape, have the least and the greatest, "1 N to 2 N"; if
-    these are equal, one is written.
+    the texts of these are equal, one is written.
     """
     import numpy as np  # not above, so that the help of a command needs no numpy
 
-    ends = np.unique([np.min(value), np.max(value)]).tolist()
-    return " to ".join(write_quantity(end, unit, digits) for end in ends)
+    ends = (float(np.min(value)), float(np.max(value)))
+    # a dictionary without values, as a set has no order
+    return " to ".join(dict.fromkeys(write_quantity(end, unit, digits) for end in ends))
 
 
 def _write(value: Any, unit: str) -> str:
@@ -428,8 +431,8 @@ def _write_number(value: Any, error: Any, unit: str, digits: int) -> str:
     if values.size == 1:
         return write_uncertain(float(values[0]), float(errors[0]), unit)
     largest = float(np.max(np.abs(values)))
-    ends = np.unique([np.min(errors), np.max(errors)]).tolist()
-    texts = [write_error(end, largest, unit) for end in ends]
+    ends = (float(np.min(errors)), float(np.max(errors)))
+    texts = dict.fromkeys(write_error(end, largest, unit) for end in ends)
     return f"{write_range(values, unit)} +/- {' to '.join(texts)}"
 
 
@@ -472,9 +475,9 @@ def describe_fit(fit: WidthFit) -> list[tuple[str, str]]:
     columns = zip(fit.parameters, fit.values.tolist(), fit.stderrs.tolist(), strict=True)
     for name, value, error in columns:
         unit = PARAMETERS[name] or ""
-        rows.append((spell(name), _write_valued(value, error, unit)))
+        rows.append((spell(name), _write_fitted(value, error, unit)))
         if name == "width":
-            rows.append(("standard deviation", _write_valued(fit.std, fit.std_stderr, "m")))
+            rows.append(("standard deviation", _write_fitted(fit.std, fit.std_stderr, "m")))
     rows.append(("medium", fit.medium))
     words = "error not known"
     if fit.errors_are_known:
@@ -491,7 +494,7 @@ def describe_fit(fit: WidthFit) -> list[tuple[str, str]]:
     return rows
 
 
-def _write_valued(value: float, error: float, unit: str) -> str:
+def _write_fitted(value: float, error: float, unit: str) -> str:
     """Return the text of a fitted ``value`` with its standard ``error``, both in the SI ``unit``,
     which is empty for a plain number. Of an error that is nan or infinite the text says that it is
     not known.
@@ -528,7 +531,7 @@ def describe_response_fit(fit: DampingFit) -> list[tuple[str, str]]:
     for name, value, error in columns:
         # a number without a unit has none in a text
         unit = "" if PARAMETERS[name] == "1" else PARAMETERS[name]
-        rows.append((name.replace("_", " "), _write_valued(value, error, unit)))
+        rows.append((name.replace("_", " "), _write_fitted(value, error, unit)))
     correlation = fit.correlation
     for row, column in combinations(range(len(fit.parameters)), 2):
         words = " and ".join(fit.parameters[index] for index in (row, column))

@@ -111,7 +111,8 @@ class BlochWaves(NamedTuple):
 
     def continue_by(self, steps: int) -> Complex:
         """Return the matrix (n, n) that turns a motion of a block into the motion, in the same
-        waves, of the block ``steps`` layers higher, or lower if ``steps`` is below zero.
+        waves, of the block ``steps`` layers higher, or lower if ``steps`` is below zero. The two
+        blocks have no layer in common.
         """
         basis = np.concatenate([self.vectors, self.still_motions], axis=1)
         # motions that reach no other block leave the other block at rest
@@ -422,7 +423,8 @@ def _sort_senses(
 
     ``factors`` (b,) are lambda, and ``vectors`` (n, b) the motions of a block of ``reach`` layers;
     ``up`` and ``down`` (n, n) couple the block to the next and to the one before. ``null_spaces``
-    are the motions, as columns, without coupling to lower and to higher layers.
+    are the motions, as columns, without coupling to lower and to higher layers. Raises what
+    :func:`_normalise_running` and :func:`_require_basis` raise.
     """
     is_running = np.abs(np.abs(factors) - 1.0) < _CIRCLE_DISTANCE
     vectors = vectors / np.linalg.norm(vectors, axis=0)

@@ -434,8 +434,8 @@ class Block:
         """Turn the vectors of branches of equal slope, columns of ``modes`` (n_q, n, n), in place,
         into combinations that are nearest to the modes one step further along ``along`` (n_q, p).
 
-        ``equal_slopes`` are pairs: the numbers (k,) of wave vectors, and a slice of branches that
-        have one frequency and one slope there.
+        ``equal_slopes`` are pairs: the numbers (k,) of wave vectors among those of the ``point``,
+        and a slice of branches that have one frequency and one slope there.
 
         Such branches separate at second order in the step only. The length of the step,
         :data:`_STEP_BESIDE`, limits the accuracy of their vectors, and not the error of LAPACK.

@@ -103,7 +103,8 @@ class AcousticBranch:
     lattice : the lattice whose branch it is.
     direction : (p,) unit vector.
     name : one of the lattice's ``wave_names``, after the polarisation at long waves.
-    wavenumbers : (n,) ascending, 1/d.
+    wavenumbers : (n,) ascending, 1/d, from the first point after Gamma on; of a branch that falls
+        from Gamma on, or stays at zero, that of Gamma alone.
     frequencies : (n,) ascending, (k/M)^1/2; the last is the top of the branch.
     vectors : (n, n_dof) eigenvectors, by which the branch is recognised between the points.
     """
@@ -230,7 +231,9 @@ def _solve_wavenumbers(
     low_omega, high_omega = frequencies
     # below the first point the branch is nearly straight, so linear interpolation starts close to
     # the root at any scale
-    q = low + (high - low) * (target - low_omega) / (high_omega - low_omega)
+    rise = high_omega - low_omega
+    part = np.divide(target - low_omega, rise, out=np.zeros_like(rise), where=rise > 0.0)
+    q = low + (high - low) * part
     omega, velocity = _find_nearest_modes(lattice, q, along, references)
     unsettled_targets = np.arange(q.size)  # numbers of the targets whose wavenumbers still change
     for _ in range(_MOST_STEPS):
@@ -301,8 +304,9 @@ class AcousticBranches:
         """Return the branches of a ``lattice`` along unit vectors ``directions`` (n, p), followed
         through crossings by the overlap of their eigenvectors.
 
-        Each branch is followed at least until its frequency reaches its target, of ``targets``
-        (n_u, n), (k/M)^1/2, or falls, or until the edge of the zone.
+        Each branch is followed at least until its frequency reaches its target, or falls, or until
+        the edge of the zone. ``targets``, (k/M)^1/2, are (n_u, n), or one number for all branches.
+        Raises what :meth:`ContactLattice.sound_velocities` and :meth:`ContactLattice.modes` raise.
         """
         n_directions = len(directions)
         n_waves = len(lattice.wave_names)
@@ -438,7 +442,8 @@ def _find_path_modes(
     (n, p), unit vectors.
 
     ``last_vectors`` (n, n_dof, n_branches) are the eigenvectors at the point before the first of
-    these points, for the overlap with the eigenvectors at the first.
+    these points, for the overlap with the eigenvectors at the first. Raises what
+    :meth:`ContactLattice.modes` raises.
     """
     size = lattice.n_branches
     wavevectors = (q[..., None] * along[:, None]).reshape(-1, lattice.periods)
@@ -460,6 +465,7 @@ def _find_sound(
 
     ``directions`` (n, p) are unit vectors. Sound is recognised by the motion of the centre of mass:
     other motions of zero frequency at Gamma, such as balls turning like gears, leave it at rest.
+    Raises what :meth:`ContactLattice.sound_velocities` raises.
     """
     _, polarisations = lattice.sound_velocities(directions)
     size = lattice.n_branches
@@ -529,7 +535,7 @@ def follow_acoustic_branches(
 
     Raises :class:`~granphon.base.errors.InputError` for another number of directions than one and
     for a direction that is not finite or of length zero, and what
-    :meth:`ContactLattice.sound_velocities` raises.
+    :meth:`ContactLattice.sound_velocities` and :meth:`ContactLattice.modes` raise.
     """
     along = one_direction(direction, lattice.periods)
     branches = AcousticBranches.follow(lattice, along[None])

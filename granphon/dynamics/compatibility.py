@@ -219,10 +219,11 @@ class Compatibility:
     Raises
     ------
     InputError : no period; vectors of the cell that are dependent, or not
-        along x or in the xy plane; a wrong shape; a number other than ``distance`` that is not
-        finite; a mass, a radius of gyration or a stiffness that is not above zero; a ratio of
-        stiffnesses or a spring to the ground below zero; more springs than contacts; contacts that
-        are no table, and motions that are none.
+        along x or in the xy plane; a wrong shape; what is no real number; a number other than
+        ``distance`` that is not finite; a mass, a radius of gyration or a stiffness that is not
+        above zero; a ratio of stiffnesses or a spring to the ground below zero; more springs than
+        contacts; contacts that are no table, or those of other balls, periods or dimensions; and
+        motions that are none.
     """
 
     def __init__(
@@ -271,6 +272,7 @@ class Compatibility:
                 "Its vectors are independent: one lies along x, two lie in the xy plane",
             )
         self.contacts = contacts
+        self._require_table()
         self.mindlin_ratio = self._read_ratio("mindlin_ratio", mindlin_ratio)
         self.torsion = self._read_ratio("torsion", torsion)
         self.bending = self._read_ratio("bending", bending)
@@ -294,14 +296,36 @@ class Compatibility:
         self.masses = _repeat("masses", masses, (self.n_balls,), "above zero")
         self.gyration = _repeat("gyration", gyration, (self.n_balls,), "above zero")
 
-    def _read_ratio(self, name: str, ratio: Any) -> float | Array:
-        """Return a ``ratio`` of stiffnesses as a float, or as an array (n_c,) if it is an array.
+    def _require_table(self) -> None:
+        """Raise :class:`~granphon.base.errors.InputError` unless the contacts join balls of this
+        lattice, or one with a body that does not move, and their columns have as many components
+        as its periods and dimensions.
+        """
+        table = self.contacts
+        p, d = self.cell.shape
+        shapes = (table.shift.shape[1:], table.normal.shape[1:], table.vector.shape[1:])
+        if shapes != ((p,), (d,), (d,)):
+            raise InputError(
+                f"the contacts have shifts, normals and vectors of the shapes {shapes}",
+                f"The lattice has {counted(p, 'period')} and {counted(d, 'dimension')}",
+            )
+        n = self.n_balls
+        if np.any((table.i < 0) | (table.i >= n) | (table.j < 0) | (table.j > n)):
+            raise InputError(
+                "a contact joins balls that the lattice does not have",
+                f"It has {counted(n, 'ball')}",
+                f"Number balls i from 0 to {n - 1}, and balls j to {n}, a body that does not move",
+            )
 
-        Raises :class:`~granphon.base.errors.InputError`, with the argument's ``name``, if a ratio
-        is below zero or not finite.
+    def _read_ratio(self, name: str, ratio: Any) -> float | Array:
+        """Return a ``ratio`` of stiffnesses as a float, or as an array (n_c,) if it is an array or
+        a list.
+
+        Raises :class:`~granphon.base.errors.InputError`, with the argument's ``name``, for another
+        shape, and if a ratio is below zero or not finite.
         """
         is_array = isinstance(ratio, np.ndarray) and ratio.ndim > 0
-        if not is_array:
+        if not is_array and not isinstance(ratio, list | tuple):
             return not_negative(name, ratio)
         return _repeat(name, ratio, (len(self.contacts),), "zero or above")
 
@@ -345,6 +369,15 @@ class Compatibility:
                 f"One wave vector takes {size / 2**30:.2g} GiB of memory, more than"
                 f" {MOST_BYTES >> 30}",
                 "Take a smaller cell, or gp.Waves(network), whose matrices are sparse",
+            )
+
+    def _require_contacts(self) -> None:
+        """Raise :class:`~granphon.base.errors.InputError` if the lattice has no contacts."""
+        if not len(self.contacts):
+            raise InputError(
+                "the lattice has no contacts",
+                "Balls that touch nothing neither vibrate nor carry sound",
+                "Bring balls into contact",
             )
 
     @cached_property
@@ -481,8 +514,9 @@ class Compatibility:
         """Return the error that says that static forces make the lattice buckle.
 
         ``where`` are words for the wave vector or direction at which it does, and ``motion``
-        (n_u, ...) are the displacements by which it does, in the order of the translations. A flat
-        lattice that buckles perpendicular to its periods does so at any load; the error says so.
+        (n_u, ...) are the displacements by which it does, in the order of the translations; an
+        empty list if they are not known. A flat lattice that buckles perpendicular to its periods
+        does so at any load; the error says so.
         """
         displacements = np.reshape(motion, (len(self.motions.translations), -1))
         energy = np.sum(np.abs(displacements) ** 2, axis=1)
@@ -539,11 +573,12 @@ class Compatibility:
     def compatibility(self, wavevectors: ArrayLike, derivative: bool = False) -> NDArray[Any]:
         """Return K^1/2 C(q) M^-1/2, (k/M)^1/2, at each wave vector, or its gradient.
 
-        Rows are the elongations of all contacts, then their slips, twists and rolls. Columns are
-        mass-weighted motions: for each vector of the frame the motions of a ball, (x, y, w) in the
-        plane. The first vector of the frame is the motion of the centre of mass, and rotations are
-        divided by i. The matrix is real if the cell has one ball, its contacts have equal arms, and
-        the ball touches no body that does not move.
+        Rows are those of :attr:`rows`: the elongations of all contacts, then their slips, twists
+        and rolls, as far as motions make them and contacts resist them, and last the springs to the
+        ground. Columns are mass-weighted motions: for each vector of the frame the motions of a
+        ball, (x, y, w) in the plane. The first vector of the frame is the motion of the centre of
+        mass, and rotations are divided by i. The matrix is real if the cell has one ball, its
+        contacts have equal arms, and the ball touches no body that does not move.
 
         Parameters
         ----------
@@ -556,8 +591,8 @@ class Compatibility:
 
         Raises
         ------
-        InputError : a wave vector of another shape or not finite; or the matrices at one wave
-            vector do not fit into memory.
+        InputError : wave vectors that are no real numbers, of another shape or not finite; the
+            matrices at one wave vector do not fit into memory; or the lattice has no contacts.
         """
         waves = self._contact_waves
         rows = waves.compute_rows(as_wavevectors(wavevectors, self.periods), derivative)
@@ -717,8 +752,9 @@ class Compatibility:
         """Return :attr:`rows`, and the square roots (kinds, n_c) of their stiffnesses, k^1/2.
 
         If ``are_static``, return :attr:`static_rows` and the square roots of the absolute values of
-        their stiffnesses instead.
+        their stiffnesses instead. Raises what :meth:`_require_contacts` raises.
         """
+        self._require_contacts()
         if are_static:
             rows = [row for row, _ in self.static_rows]
             sizes = [np.abs(stiffness) for _, stiffness in self.static_rows]
@@ -790,7 +826,8 @@ class Compatibility:
     def _images(self) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]] | None:
         """An inversion that maps the lattice onto itself: the image (n,) of each ball, one contact
         (m,) of each pair of contacts that are images of each other, and its image (m,). None if
-        there is no such inversion.
+        there is no such inversion, if there are no contacts, and if balls touch bodies that do not
+        move or springs to the ground, among which none is sought.
 
         The image of a contact from i to j joins the images of j and i by the same vector. Contacts
         that are their own images are not among the m.
@@ -1009,7 +1046,8 @@ class Compatibility:
 
     def _compute_frame_matrix(self, wavevectors: ArrayLike) -> NDArray[Any]:
         """Return D(q) (n_q, n_branches, n_branches), k/M, in the motions of :attr:`_wave_frame`,
-        with the effect of static forces; ``wavevectors`` are (n_q, p), 1/d.
+        with the effect of static forces; ``wavevectors`` are (n_q, p), 1/d. Raises what
+        :meth:`compatibility` raises.
         """
         q = as_wavevectors(wavevectors, self.periods)
         rows = self._deforming.compute_rows(q)
@@ -1030,7 +1068,8 @@ class Compatibility:
         ``wavevectors`` are (n_q, p), 1/d. ``times``, (M/k)^1/2, and ``factors`` are (2, n_between)
         arrays for the contacts without springs to the ground: of their elongations, and of their
         other deformations. ``drags`` (motions,), (k/M)^1/2, are those of the motions of a ball; see
-        :class:`granphon.dynamics.damping.Losses`. Springs to the ground lose no energy.
+        :class:`granphon.dynamics.damping.Losses`. Springs to the ground lose no energy. Raises
+        what :meth:`compatibility` raises.
         """
         rows = self.compatibility(wavevectors)
         adjoint = rows.conj().swapaxes(1, 2)
@@ -1059,8 +1098,7 @@ class Compatibility:
 
         Rows and columns are the motions, (x, y, w) in the plane, of the first ball, then those of
         the second, and so on. Phases are taken at the positions of the balls, as in phonopy.
-        ``wavevectors`` (n_q, p) are in 1/d; another shape, a number that is not finite, and a cell
-        whose matrices do not fit into memory raise :class:`~granphon.base.errors.InputError`.
+        ``wavevectors`` (n_q, p) are in 1/d. Raises what :meth:`compatibility` raises.
         """
         return np.asarray(
             self._to_balls @ self._compute_frame_matrix(wavevectors) @ self._to_balls.conj().T
@@ -1080,14 +1118,16 @@ class Compatibility:
         normal_force : (n_c,) compressive forces, over k d.
         radii : (n,) radii of the balls, over d.
         fields : further fields of the network, or other values of its ``motions``, ``prestress``,
-            ``pbc``, ``positions`` and ``tangential_force``. How tangential forces and levers of
-            slip change follows from fields of the network, and not from this lattice.
+            ``pbc``, ``positions``, ``tangential_force`` and ``contact_torque``. How tangential
+            forces and levers of slip change follows from fields of the network, and not from this
+            lattice.
 
         Raises
         ------
         InputError : balls touch bodies that do not move, or springs to the ground hold balls, as
-            the network would lack these bodies and springs; a wrong shape; a field that the network
-            does not have, or that follows from the lattice; and what the network refuses.
+            the network would lack these bodies and springs; ``units`` that are none; forces or
+            radii that are no finite numbers, or of a wrong shape; a field that the network does not
+            have, or that follows from the lattice; and what the network refuses.
         """
         require_instance("units", units, Units, "Give gp.Units(length, stiffness, mass)")
         if np.any(self.contacts.j == self.n_balls):

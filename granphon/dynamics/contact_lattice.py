@@ -27,6 +27,7 @@ from granphon.base.errors import InputError, InstabilityError
 from granphon.base.memory import require_memory
 from granphon.base.results import Result, held, result_class
 from granphon.base.scales import Units, write_quantity
+from granphon.base.text import counted
 from granphon.base.threads import share_out, single_products
 from granphon.base.validation import not_negative, positive, real_array, require_instance
 from granphon.dynamics.blocks import Block, find_blocks
@@ -135,7 +136,8 @@ class ContactLattice(LongWaves):
         are the motions of each ball, by default the first choice of the lattice's dimension.
 
         Raises :class:`~granphon.base.errors.InputError` for an unknown lattice, for a number that
-        is not finite or out of range, and for ``motions`` that are no :class:`Motions`.
+        is not finite or out of range, and for ``motions`` that are no :class:`Motions`. The lattice
+        is cached: equal arguments may give the same object, which nothing changes.
         """
         distance = positive("spacing", spacing)
         if distance >= 2.0:
@@ -227,47 +229,19 @@ class ContactLattice(LongWaves):
         cell[:, len(cell) :] = 0.0  # rounding alone, as the periods lie along the first axes
         is_moving = network.moving
         units = network.scales
-        numbers = contacts.numbers
-        normal_stiffness = network.normal_stiffness[numbers]
-        rotational_unit = normal_stiffness * units.length**2  # of torques over angles
         motions = allowed_motions(network.dimension)[network.motions]
         anchored_balls, springs = _find_springs(network, contacts.axes, motions)
-
-        def extend(values: Array, spring_value: float = 0.0) -> Array:
-            """Return ``values`` (n_c, ...) of contacts, followed by ``spring_value`` for each of
-            the n_g springs to the ground, (n_c + n_g, ...).
-            """
-            shape = (len(anchored_balls), *values.shape[1:])
-            return np.concatenate([values, np.full(shape, spring_value)])
-
-        static_fields: dict[str, Any] = {}
-        if network.prestress:
-            static_fields = {
-                "prestress": extend(contacts.find_prestress()),
-                "tangential_force": extend(contacts.find_tangential_forces()),
-                "contact_torque": extend(contacts.find_torques()),
-            }
         return cls(
             cell / units.length,
             contacts.turn(network.positions[is_moving]) / units.length,
             _add_springs(contacts.tabulate(), anchored_balls, int(np.count_nonzero(is_moving))),
-            extend(network.shear_stiffness[numbers] / normal_stiffness),
-            # the stiffness one of a spring multiplies that of on_site
-            stiffness=extend(normal_stiffness / units.stiffness, 1.0),
             masses=network.masses[is_moving] / units.mass,
             gyration=find_gyration(network)[is_moving] / units.length,
-            torsion=extend(network.torsion_stiffness[numbers] / rotational_unit),
-            bending=extend(network.bending_stiffness[numbers] / rotational_unit),
-            tangential_growth=extend(network.tangential_growth[numbers] * units.length),
-            lever_excesses=np.array([extend(at_end) for at_end in contacts.find_excesses()]),
-            slip_stretch=extend(network.slip_stretch[numbers]),
-            arm_rates=extend(network.arm_rates[numbers]),
             turns_with_balls=network.turns_with_balls,
-            distance=extend(network.distance[numbers] / units.length, 1.0),
             motions=motions,
             on_site=springs if len(anchored_balls) else None,
             name="of this network",
-            **static_fields,
+            **contacts.list_arguments(len(anchored_balls)),
         )
 
     # -- vibrations --------------------------------------------------------------------------------
@@ -279,11 +253,13 @@ class ContactLattice(LongWaves):
         ``wavevectors`` are (n_q, p), 1/d. Frequencies of branches that vanish at every q, and of
         modes that vanish at one q, are exactly zero.
 
-        Raises :class:`~granphon.base.errors.InputError` for a wave vector of another shape or not
-        finite, and where results do not fit into memory;
-        :class:`~granphon.base.errors.PrecisionError` for a wave vector too far from Gamma; and
+        Raises :class:`~granphon.base.errors.InputError` for wave vectors that are no real numbers,
+        of another shape or not finite, where results do not fit into memory, and for a lattice
+        without contacts;
+        :class:`~granphon.base.errors.PrecisionError` for a wave vector too far from Gamma;
         :class:`~granphon.base.errors.InstabilityError` if prestress makes a squared frequency
-        negative.
+        negative; and :class:`~granphon.base.errors.ConvergenceError` if, in a cell of many balls,
+        Lanczos's method does not find the low modes.
         """
         q, _ = self._fold(wavevectors)
         self._require_memory_of_results(len(q), has_vectors=False)
@@ -329,10 +305,12 @@ class ContactLattice(LongWaves):
         Raises
         ------
         InputError : a wave vector is Gamma and no direction is given, as sound has no velocity
-            without one; there is no wave vector, or one of a wrong shape or not finite; a direction
-            of another shape, not finite or of length zero; or the results do not fit into memory.
+            without one; there is no wave vector; wave vectors that are no real numbers, of a wrong
+            shape or not finite; a direction of another shape, not finite or of length zero; the
+            results do not fit into memory; or the lattice has no contacts.
         PrecisionError : a wave vector is too far from Gamma.
         InstabilityError : prestress makes a squared frequency negative.
+        ConvergenceError : in a cell of many balls Lanczos's method does not find the low modes.
         """
         q = as_wavevectors(wavevectors, self.periods)
         if not len(q):
@@ -394,7 +372,7 @@ class ContactLattice(LongWaves):
         or if :meth:`LongWaves.require_rigid` raises.
 
         With ``units`` the error about springs tells the lowest cut-off frequency, Hz, and the
-        curvature of its branch there along x.
+        curvature of its branch there along x; what :meth:`find_onset` raises is then raised too.
         """
         if self.is_anchored:
             why = "Long waves begin at a cut-off frequency, and have no velocity"
@@ -418,16 +396,19 @@ class ContactLattice(LongWaves):
         Parameters
         ----------
         wavevectors : (n_q, p), 1/d.
-        branches : (n_q, b) numbers of the branches at each wave vector; all of them by default.
+        branches : (n_q, b) numbers of the branches at each wave vector, one or more; all of them by
+            default.
         axes : (d, d) unit vectors, rows: the axes of the motions of balls; by default those of the
             lattice.
 
         Raises
         ------
-        InputError : a wave vector of another shape or not finite; branches of another shape, or
-            that the lattice does not have; or the energies do not fit into memory.
+        InputError : wave vectors that are no real numbers, of another shape or not finite; no wave
+            vector; branches of another shape, or that the lattice does not have; the energies do
+            not fit into memory; or the lattice has no contacts.
         PrecisionError : a wave vector is too far from Gamma.
         InstabilityError : a squared frequency is negative.
+        ConvergenceError : in a cell of many balls Lanczos's method does not find the low modes.
         """
         # frequencies alone do not need the derivatives
         from granphon.dynamics.sensitivities import ModeEnergies, turn_motions
@@ -435,6 +416,7 @@ class ContactLattice(LongWaves):
         q = as_wavevectors(wavevectors, self.periods)
         if branches is None:
             branches = np.broadcast_to(np.arange(self.n_branches), (len(q), self.n_branches))
+        branches = np.asarray(branches)
         self._require_branches(branches, len(q))
         kinds = {row.kind for row in self.unit_rows}
         numbers_per_mode = (len(kinds) + 3) * len(self.contacts) + 2 * self.n_branches
@@ -461,13 +443,17 @@ class ContactLattice(LongWaves):
 
     def _require_branches(self, branches: Index, n_points: int) -> None:
         """Raise :class:`~granphon.base.errors.InputError` unless ``branches`` (n_points, b) are
-        numbers of branches at ``n_points`` wave vectors.
+        numbers of branches, one or more, at ``n_points`` wave vectors, one or more.
         """
-        has_shape = branches.ndim == 2 and len(branches) == n_points
-        if not has_shape or not np.all((branches >= 0) & (branches < self.n_branches)):
+        has_shape = branches.ndim == 2 and len(branches) == n_points and branches.size > 0
+        are_branches = np.issubdtype(branches.dtype, np.integer) and np.all(
+            (branches >= 0) & (branches < self.n_branches)
+        )
+        if not has_shape or not are_branches:
             raise InputError(
                 f"branches has the shape {branches.shape}, or numbers that are none of branches",
-                f"There are {n_points} wave vectors and {self.n_branches} branches",
+                f"There are {counted(n_points, 'wave vector')} and"
+                f" {counted(self.n_branches, 'branch', 'branches')}",
                 f"Give an array ({n_points}, b) of numbers from 0 to {self.n_branches - 1}",
             )
 
@@ -517,7 +503,8 @@ class ContactLattice(LongWaves):
 
     def _find_vectors(self, q: Array) -> tuple[Array, Complex]:
         """Return frequencies (n_q, n_branches) and eigenvectors (n_q, n_branches, n_branches), as
-        columns, at a few wave vectors q (n_q, p), 1/d; n_q is one for large cells.
+        columns, at a few wave vectors q (n_q, p), 1/d; n_q is one for large cells. Raises what
+        :meth:`_find_modes` raises.
         """
         is_limit = np.all(q == 0.0, axis=1) | _is_almost_gamma(q)
         if self._large is not None and not np.any(is_limit):
@@ -602,7 +589,7 @@ class ContactLattice(LongWaves):
     def _find_modes(self, wavevectors: Array, along: Array) -> tuple[NDArray[Any], ...]:
         """Return the arrays of :class:`Modes`, in the order of its attributes, at a few
         ``wavevectors`` (n_q, p), 1/d, through which paths run in the directions ``along`` (n_q, p),
-        unit vectors.
+        unit vectors. Raises what :meth:`_fold` and :meth:`_solve_with_velocities` raise.
         """
         q, copies = self._fold(wavevectors)
         # modes at Gamma are limits along the direction, and modes very near Gamma limits along q
@@ -655,7 +642,8 @@ class ContactLattice(LongWaves):
         """Return frequencies (n_q, n_branches), (k/M)^1/2, ascending, at wave vectors q (n_q, p),
         1/d; n_q is one at most for large cells.
 
-        Raises :class:`~granphon.base.errors.InstabilityError` if a squared frequency is negative.
+        Raises :class:`~granphon.base.errors.InstabilityError` if a squared frequency is negative,
+        and what :class:`~granphon.dynamics.large_cells.LargeCell` raises.
         """
         if self._large is not None and len(q) == 1:
             frequencies = self._large.find_frequencies(q[0])
@@ -675,8 +663,7 @@ class ContactLattice(LongWaves):
         vectors q (n_q, p), 1/d.
 
         Modes of one frequency are those that paths along the unit vectors ``along`` (n_q, p)
-        follow. Raises :class:`~granphon.base.errors.InstabilityError` if a squared frequency is
-        negative.
+        follow. Raises what :meth:`_solve` raises.
         """
         if self._large is not None and len(q) == 1:
             modes = self._large.solve_with_velocities(q[0])
@@ -725,8 +712,10 @@ class ContactLattice(LongWaves):
         single one, or of so few that C(q) has some :data:`_ENTRIES` entries at most.
 
         Wave vectors of large cells are shared out to all processors, one by one. Without wave
-        vectors ``find`` is called once, with an empty slice, so that its result has a shape.
+        vectors ``find`` is called once, with an empty slice, so that its result has a shape. Raises
+        what :meth:`_require_contacts` raises.
         """
+        self._require_contacts()
         length = 1
         if self._large is None:
             entries_per_point = 2 * len(self.contacts) * self.n_branches
@@ -756,7 +745,7 @@ class ContactLattice(LongWaves):
     @cached_property
     def _blocks(self) -> list[Block]:
         """Sets of motions of the frame that no contact joins to other motions, with their rows of
-        C(q).
+        C(q). Raises what :meth:`_require_contacts` raises.
         """
         kinds = [self._deforming, self._pushing] if self.is_prestressed else [self._deforming]
         # (kinds, n_c, n_branches), whether a motion takes part in a row at some wave vector
@@ -921,7 +910,8 @@ class ContactLattice(LongWaves):
 
         Raises
         ------
-        InputError : wave vectors of another shape or not finite, or another number of frequencies.
+        InputError : wave vectors or frequencies that are no real numbers; wave vectors of another
+            shape or not finite; or another number of frequencies.
         PrecisionError : a wave vector is too far from Gamma.
         """
         q, _ = self._fold(wavevectors)
@@ -1084,6 +1074,41 @@ class _LatticeContacts(NamedTuple):
         vector[self.is_held] = 0.0
         normal = self._orient(network.normal)
         return freeze_contacts(i, j, shift, normal, vector, arm_i / length, arm_j / length)
+
+    def list_arguments(self, n_springs: int) -> dict[str, Any]:
+        """Return the arguments of :class:`ContactLattice`, by name, that have a value for each
+        contact, and behind these one for each of ``n_springs`` springs to the ground.
+        """
+        network = self.network
+        units = network.scales
+        numbers = self.numbers
+        normal_stiffness = network.normal_stiffness[numbers]
+        rotational_unit = normal_stiffness * units.length**2  # of torques over angles
+
+        def extend(values: Array, spring_value: float = 0.0) -> Array:
+            """Return ``values`` (n_c, ...) of contacts, followed by ``spring_value`` for each of
+            the n_g springs to the ground, (n_c + n_g, ...).
+            """
+            shape = (n_springs, *values.shape[1:])
+            return np.concatenate([values, np.full(shape, spring_value)])
+
+        arguments: dict[str, Any] = {
+            "mindlin_ratio": extend(network.shear_stiffness[numbers] / normal_stiffness),
+            # the stiffness one of a spring multiplies that of on_site
+            "stiffness": extend(normal_stiffness / units.stiffness, 1.0),
+            "torsion": extend(network.torsion_stiffness[numbers] / rotational_unit),
+            "bending": extend(network.bending_stiffness[numbers] / rotational_unit),
+            "tangential_growth": extend(network.tangential_growth[numbers] * units.length),
+            "lever_excesses": np.array([extend(at_end) for at_end in self.find_excesses()]),
+            "slip_stretch": extend(network.slip_stretch[numbers]),
+            "arm_rates": extend(network.arm_rates[numbers]),
+            "distance": extend(network.distance[numbers] / units.length, 1.0),
+        }
+        if network.prestress:
+            arguments["prestress"] = extend(self.find_prestress())
+            arguments["tangential_force"] = extend(self.find_tangential_forces())
+            arguments["contact_torque"] = extend(self.find_torques())
+        return arguments
 
     def find_prestress(self) -> Array:
         """Return the compressive forces over the distances of the centres (n_c,), in units of k."""

@@ -42,7 +42,7 @@ from granphon.balls.motions import Motions
 from granphon.balls.packing import LOSSES
 from granphon.base.arrays import Array, Complex, Index
 from granphon.base.errors import InputError, PrecisionError, Refused, brief
-from granphon.base.results import Result, held, result_class
+from granphon.base.results import Result, held, read_only, result_class
 from granphon.base.validation import Rule, finite_numbers, require
 from granphon.networks.network import ContactNetwork
 
@@ -133,9 +133,10 @@ class Losses:
     def of(cls, network: ContactNetwork, given_losses: GivenLosses = NO_LOSSES) -> Self:
         """Return the losses of a ``network``, from ``given_losses`` of a public call.
 
-        Raises :class:`~granphon.base.errors.InputError` for numbers below zero or above
-        :data:`LARGEST_LOSSES`, for a restitution not between :data:`LEAST_RESTITUTION` and 1, and
-        for arrays of another length.
+        Raises :class:`~granphon.base.errors.InputError` for what is no finite number, for numbers
+        below zero or above :data:`LARGEST_LOSSES`, for a restitution not between
+        :data:`LEAST_RESTITUTION` and 1, for arrays of another shape, and for tuples of another
+        length than two.
         """
         count = network.n_contacts
         collisions = require("restitution", _read_restitution, given_losses.restitution)
@@ -171,7 +172,7 @@ class Losses:
         masses = find_reduced_masses(network.masses, network.i, network.j)
         viscosity = self.dashpot + self.tsuji * np.sqrt(masses * network.normal_stiffness)
         times = np.divide(viscosity, stiffness, out=np.zeros_like(viscosity), where=stiffness > 0.0)
-        return np.asarray(self.damping + times)
+        return read_only(self.damping + times)
 
     @cached_property
     def dashpots(self) -> Array:
@@ -218,14 +219,14 @@ class Losses:
             " the damping is a time, in s, and no loss factor.",
         )
 
-    def soften(self, omega: Array) -> tuple[Complex, Complex]:
+    def find_stiffness_factors(self, omega: Array) -> tuple[Complex, Complex]:
         """Return the factors (n_f, n_c) by which losses multiply the stiffness against normal
         motion, and that against all other motion, in a motion exp(-i omega t), ``omega`` (n_f,),
         rad/s.
         """
         products = omega[:, None, None] * self.times  # (n_f, 2, n_c)
-        softening: Complex = np.asarray(1.0 - 1j * (products + self.factors), complex)
-        return softening[:, 0], softening[:, 1]
+        stiffness_factors: Complex = np.asarray(1.0 - 1j * (products + self.factors), complex)
+        return stiffness_factors[:, 0], stiffness_factors[:, 1]
 
     def find_even(self) -> tuple[float, float, float] | None:
         """Return the numbers eta, tau, s, and gamma, 1/s, of even losses; None if losses are not
@@ -283,7 +284,8 @@ def read_loss(name: str, value: Any, rule: Rule) -> Any:
     """Return the numbers of a loss, one or more, as ``rule`` reads them from ``value``.
 
     ``name`` is that of the loss in :data:`LARGEST_LOSSES`. Raises
-    :class:`~granphon.base.errors.Refused` for numbers above the largest.
+    :class:`~granphon.base.errors.Refused` for numbers above the largest, and for what ``rule``
+    refuses.
     """
     losses = rule(value)
     highest_loss = float(np.max(losses))
@@ -297,8 +299,8 @@ def read_loss(name: str, value: Any, rule: Rule) -> Any:
 def _read_restitution(value: Any) -> NDArray[Any]:
     """Return the numbers of a restitution, one or more, from ``value``.
 
-    Raises :class:`~granphon.base.errors.Refused` for numbers below :data:`LEAST_RESTITUTION` or
-    above 1.
+    Raises :class:`~granphon.base.errors.Refused` for what is no finite number, and for numbers
+    below :data:`LEAST_RESTITUTION` or above 1.
     """
     restitution = finite_numbers(value)
     is_outside = (restitution < LEAST_RESTITUTION) | (restitution > 1.0)
@@ -327,8 +329,8 @@ def _read_pair(name: str, value: Any, count: int, parts: str = "normal, tangenti
     both, or a tuple of two numbers or arrays.
 
     ``name`` is that of the loss in :data:`LARGEST_LOSSES`, and messages call the two ``parts``.
-    Raises :class:`~granphon.base.errors.InputError` for numbers below zero or above the largest,
-    and for another shape.
+    Raises :class:`~granphon.base.errors.InputError` for what is no finite number, for numbers below
+    zero or above the largest, for another shape, and for a tuple of another length than two.
     """
     pair = value if isinstance(value, tuple) else (value, value)
     if len(pair) != 2:

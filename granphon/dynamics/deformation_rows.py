@@ -509,8 +509,8 @@ def _make_row(
 def _make_resisted_rows(
     deformations: list[tuple[str, ArrayLike, _Axes, _Axes, Any, Any]], motions: Motions
 ) -> list[Row]:
-    """Return the rows of those ``deformations`` that have a stiffness, and that some motion makes
-    in some contact.
+    """Return the rows of those ``deformations`` that have a stiffness, and that one of the
+    ``motions`` of balls makes in some contact.
 
     Each deformation is a tuple (kind, stiffness, shift_vector, turn_vector, factor_j, factor_i) of
     arguments of :func:`_make_row`. If there are no contacts at all, the second condition counts as

@@ -146,7 +146,7 @@ class EdgeEnergies:
         self, outer: Complex, inner: Complex, hop: Complex, w: float, count: int
     ) -> _EqualWaves:
         """Return the ``count`` waves at w, from the blocks ``outer`` E_0, ``inner`` E and ``hop``
-        A, (size, size).
+        A, (size, size). Raises what :func:`_find_decay` raises.
         """
         size = len(outer)
         decaying_motions, step = _find_decay(inner, hop, w)  # V and S
@@ -195,12 +195,22 @@ class EdgeEnergies:
         motions = all_motions[:n_moving] / np.sqrt(n_waves)
         squares = self._square(motions, q, np.arange(half_space.cut.n_contacts))
         squares_of_motions = np.sum(np.abs(motions) ** 2, axis=2)
+        return _MeanSquares(squares, squares_of_motions), self._sum_crystal(waves, q, squares)
 
+    def _sum_crystal(
+        self, waves: _EqualWaves, q: Array, squares_of_cut: dict[str, Array]
+    ) -> _MeanSquares:
+        """Return the mean squares in ``waves`` at q (p - 1,) of the contacts and balls of the
+        crystal, sums over all layers. ``squares_of_cut``, (n_c,) by name, are those of the
+        deformations of the contacts of the cut.
+        """
+        half_space = self.half_space
+        count = half_space.motions.count
         # contacts of the outer block, then those of all blocks below. The deformations of these,
         # summed over the blocks, are those of the contacts of the second block in the motions Y
         squares_of_crystal = {
             name: self._sum_over_layers(values, self.outer_block == 0)
-            for name, values in squares.items()
+            for name, values in squares_of_cut.items()
         }
         contacts_of_second = np.flatnonzero(self.outer_block == 1)
         pair_motions = waves.pair_root.reshape(-1, count, waves.pair_root.shape[1])
@@ -217,10 +227,7 @@ class EdgeEnergies:
         # the motions of each ball n of each layer l, along the axes of the crystal
         turned_motions = np.einsum("ab,lnbk->lnak", turn, block_motions)
         motions_of_crystal = np.sum(np.abs(turned_motions) ** 2, axis=(0, 3))
-        return (
-            _MeanSquares(squares, squares_of_motions),
-            _MeanSquares(squares_of_crystal, motions_of_crystal),
-        )
+        return _MeanSquares(squares_of_crystal, motions_of_crystal)
 
     def _sum_over_layers(self, values: Array, is_counted: Flags) -> Array:
         """Return sums for each contact of the crystal: of the ``values`` (n_c,) of those contacts

@@ -415,7 +415,8 @@ def waves_of_tensor(tensor: Array, direction: ArrayLike) -> tuple[Array, Array]:
     InputError : a direction of another shape, not finite or of length zero.
     InstabilityError : a tensor has a negative squared velocity along the direction.
     """
-    periods = _PERIODS[tensor.shape[-1]]
+    stiffness = np.asarray(tensor)
+    periods = _PERIODS[stiffness.shape[-1]]
     along = as_direction(direction, periods)
     pairs = voigt_pairs(periods)
     # (..., p, v), in Voigt order: the strain, over i |q|, of a wave with a unit displacement along
@@ -426,7 +427,6 @@ def waves_of_tensor(tensor: Array, direction: ArrayLike) -> tuple[Array, Array]:
         if a != b:
             strain[..., b, number] += along[..., a]
     # tensors get an axis for the n directions
-    stiffness = np.asarray(tensor)
     if along.ndim > 1:
         stiffness = stiffness[..., None, :, :]
     try:

@@ -164,9 +164,9 @@ class HalfSpace:
     network has p periods, of which p - 1 lie along the edge.
 
     Raises :class:`~granphon.base.errors.InputError` for an axis or an edge that
-    :meth:`ContactNetwork.cut` refuses, for layers that no contact joins, for layers too large for
-    the memory, and under ``prestress`` for static tangential forces or torques and for slip by
-    levers that exceed the arms.
+    :meth:`ContactNetwork.cut` refuses, for layers that no contact joins, for motions that deform no
+    contact, for layers too large for the memory, and under ``prestress`` for static tangential
+    forces or torques and for slip by levers that exceed the arms.
     """
 
     def __init__(self, network: ContactNetwork, axis: Any, edge: str | Wall = "free") -> None:
@@ -661,7 +661,7 @@ class HalfSpace:
         squares = poles[numbers].real + 1j * np.minimum(poles[numbers].imag, 0.0)
         return EdgeWaves(resonances.point[numbers], squares, resonances.weight[numbers])
 
-    def _measure_depths(self, resonances: _Resonances) -> Array:
+    def _find_half_widths(self, resonances: _Resonances) -> Array:
         """Return the half widths (n,) in w of ``resonances``."""
         return np.abs(resonances.shift.imag + _BAND_BROADENING * self.highest)
 
@@ -669,13 +669,13 @@ class HalfSpace:
         """Return those of the ``resonances`` that may be leaky waves, and of many that lead to one
         pole only one.
         """
-        depths = self._measure_depths(resonances)
+        half_widths = self._find_half_widths(resonances)
         # w = omega^2, so a relative width of w is twice that of omega
-        is_narrow = depths < 2.0 * _MOST_WIDTH * resonances.w
+        is_narrow = half_widths < 2.0 * _MOST_WIDTH * resonances.w
         stays_in_band = resonances.last_step < np.inf
         is_on_top = resonances.weight > _TOP_PART
         numbers = np.flatnonzero(is_narrow & stays_in_band & is_on_top)
-        roots = resonances.w[numbers] - 1j * depths[numbers]
+        roots = resonances.w[numbers] - 1j * half_widths[numbers]
         order = self._sort_distinct(resonances.point[numbers], roots, _RESONANCE_DISTANCE)
         return resonances.take(numbers[order])
 
@@ -684,12 +684,12 @@ class HalfSpace:
         finds none. A settled resonance without width is a pole on the real axis.
         """
         poles = resonances.w.astype(complex)
-        depths = self._measure_depths(resonances)
+        half_widths = self._find_half_widths(resonances)
         noise = _POLE_NOISE * self.highest
         has_settled = resonances.last_step <= _NEWTON_TOLERANCE * resonances.w
         outer, inner, hop = self.blocks(q)
-        for n in np.flatnonzero((depths > noise) | ~has_settled):
-            start = complex(resonances.w[n], -max(depths[n], noise))
+        for n in np.flatnonzero((half_widths > noise) | ~has_settled):
+            start = complex(resonances.w[n], -max(half_widths[n], noise))
             point = resonances.point[n]
             poles[n] = self._find_pole(outer[point], inner[point], hop[point], start)
         return poles
@@ -770,8 +770,9 @@ class HalfSpace:
         plus :data:`_POLE_TOLERANCE` times the highest w of the crystal.
         """
         order = np.lexsort((w.real, point))
-        depth = -w[order].imag
-        margin = tolerance * np.minimum(depth[1:], depth[:-1]) + _POLE_TOLERANCE * self.highest
+        half_widths = -w[order].imag
+        lesser_half_widths = np.minimum(half_widths[1:], half_widths[:-1])
+        margin = tolerance * lesser_half_widths + _POLE_TOLERANCE * self.highest
         is_apart = np.abs(np.diff(w[order])) > margin
         is_new = np.ones(len(order), bool)
         is_new[1:] = (np.diff(point[order]) > 0) | is_apart
@@ -787,10 +788,10 @@ class HalfSpace:
         above ends the search, and its w is returned.
         """
         blocks = _EdgeBlocks(outer, inner, hop)
-        width = -w.imag
+        half_width = -w.imag
         for _ in range(_NEWTON_STEPS):
             begin = complex(w.real, _BAND_BROADENING * self.highest)
-            step = _LEAST_STEP * width
+            step = _LEAST_STEP * half_width
             descent = blocks.descend(begin, w, step)
             if descent is None:
                 return complex(np.nan)
@@ -801,7 +802,7 @@ class HalfSpace:
             shifts = np.linalg.eigvals(np.linalg.solve(slope, -inverse))
             shift = shifts[np.argmin(np.abs(shifts))]
             w = w + shift
-            tolerance = _NEWTON_TOLERANCE * width + _POLE_NOISE * self.highest
+            tolerance = _NEWTON_TOLERANCE * half_width + _POLE_NOISE * self.highest
             has_settled = abs(shift) < tolerance
             if not w.imag < 0.0 or has_settled:
                 return w
@@ -835,8 +836,7 @@ class HalfSpace:
         It is the velocity v at which the surface impedance Z(v), which is Hermitian, is singular.
         Z is positive at v = 0, and falls with v up to a limit: the velocity at which a bulk wave
         first runs along the edge. Raises :class:`~granphon.base.errors.GranphonError` if Z is
-        singular nowhere below this limit, and :class:`~granphon.base.errors.InputError` as
-        :meth:`_find_continuum` does.
+        singular nowhere below this limit, and what :meth:`_find_continuum` raises.
         """
         from scipy.optimize import brentq, minimize_scalar
 
@@ -867,7 +867,8 @@ class HalfSpace:
 
         Raises :class:`~granphon.base.errors.InputError` for an edge that is held, for one period or
         balls that do not move along the edge and across it, for two periods that do not lie in the
-        xy plane, and as :meth:`ContactLattice.require_rigid` does, for a mechanism.
+        xy plane; and what :meth:`ContactLattice.require_rigid`, as for a mechanism, and
+        :meth:`ContactLattice.gradient_stiffness` raise.
         """
         if self.edge != "free":
             raise InputError(

@@ -84,6 +84,9 @@ class LargeCell:
     stiffnesses: those of C, and under static forces the rows on which the forces act. ``images`` is
     an inversion that maps the cell onto itself, whose first item is the image (n,) of each ball;
     None if there is no inversion.
+
+    Its methods raise :class:`~granphon.base.errors.ConvergenceError` if Lanczos's method does not
+    find the low modes.
     """
 
     def __init__(
@@ -347,6 +350,7 @@ def _sharpen(matrix: Any, rows: Any, count: int, bound: float) -> Array:
 def _find_low_space(matrix: Any, count: int, bound: float) -> NDArray[Any]:
     """Return an orthonormal basis (n, count) of the space of those eigenvectors of a sparse
     ``matrix`` (n, n) whose eigenvalues are lowest; ``bound`` is an upper bound of all of them.
+    Raises what :func:`~granphon.dynamics.linalg.find_nearest` raises.
     """
     from scipy.sparse import eye_array
 

@@ -500,7 +500,7 @@ def invert_hermitian(matrices: NDArray[Any]) -> NDArray[Any]:
 @contextmanager
 def lanczos_converges() -> Iterator[None]:
     """Raise :class:`~granphon.base.errors.ConvergenceError` in place of an error of ARPACK within
-    the block, which says that the iteration has ended without the modes.
+    the with-block: the iteration has then ended without the modes.
     """
     from scipy.sparse.linalg import ArpackError
 

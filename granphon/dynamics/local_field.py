@@ -155,9 +155,10 @@ def local_field(
     Raises
     ------
     InputError : a stiffness is below zero or not finite, or the lattice is unknown.
-    MechanismError : the lattice has a motion that costs no energy, so that nothing holds the
-        neighbours of a ball: sc, bcc, square, honeycomb, kagome and diamond without friction,
-        honeycomb and diamond also with friction alone.
+    MechanismError : the lattice has a motion that costs no energy, or so little beside others that
+        double precision does not tell, so that nothing holds the neighbours of a ball: sc, bcc,
+        square, honeycomb, kagome and diamond without friction, honeycomb and diamond also with
+        friction alone.
     PrecisionError : friction, torsion or bending is so weak, on a lattice that needs it, or so
         strong, that the integral over q does not settle.
     """

@@ -241,9 +241,9 @@ class LongWaves(Compatibility):
 
     @property
     def tries_iteration(self) -> bool:
-        """Whether the inner motions of the cell are relaxed by iteration, and not by factors. A
-        cell whose factors would fit into memory is relaxed by factors nevertheless if several balls
-        turn out to be loose together.
+        """Whether iteration is tried to relax the inner motions of the cell. A cell whose factors
+        would fit into memory is relaxed by factors nevertheless if several of its balls turn out to
+        be loose together.
         """
         is_large = self.periods == 3 and self.n_branches > MOST_FIRM_RELAXED_BY_FACTORS
         return is_large and (self._is_too_large_for_factors or self._holds_rotations)
@@ -589,8 +589,9 @@ class LongWaves(Compatibility):
     def require_rigid(self) -> None:
         """Raise :class:`~granphon.base.errors.MechanismError` if the lattice has a
         :attr:`mechanism`, and :class:`~granphon.base.errors.InputError` if bodies that do not move,
-        or springs to the ground, hold the balls.
+        or springs to the ground, hold the balls, and if there are no contacts.
         """
+        self._require_contacts()
         if self.is_held:
             raise InputError(
                 "the balls touch bodies that do not move: a floor, a wall, or a clamped layer",
@@ -669,7 +670,8 @@ class LongWaves(Compatibility):
 
         Raises
         ------
-        InputError : ``prestress`` holds no number, or one that is not finite or far too large.
+        InputError : ``prestress`` holds no number, or one that is not finite or far too large; or
+            the lattice has no contacts.
         InstabilityError : static forces make an inner motion unstable that a gradient moves.
         """
         n_u = len(self.motions.translations)
@@ -977,8 +979,8 @@ class LongWaves(Compatibility):
 
         Raises
         ------
-        InputError : bodies that do not move, or springs to the ground, hold the balls; or an
-            argument that :meth:`acoustic_tensor` refuses.
+        InputError : bodies that do not move, or springs to the ground, hold the balls; there are no
+            contacts; or an argument that :meth:`acoustic_tensor` refuses.
         MechanismError : the lattice has a :attr:`mechanism`.
         InstabilityError : static forces make a squared velocity negative, or an inner motion
             unstable that a gradient moves.
@@ -1066,14 +1068,13 @@ class LongWaves(Compatibility):
         mass_parts, vectors = np.linalg.eigh(self._sound_mass.moving_mass)
         inverse = np.zeros_like(mass_parts)
         np.divide(1.0, mass_parts, out=inverse, where=mass_parts > _SOUND_ROUNDING)
-        return np.asarray((vectors * np.sqrt(inverse)) @ vectors.T)
+        return read_only((vectors * np.sqrt(inverse)) @ vectors.T)
 
     @cached_property
     def wave_names(self) -> tuple[str, ...]:
-        """Names of the long waves: "longitudinal", then "transverse", or "transverse_slow" and
-        "transverse_fast".
-
-        On a plane of balls that also move across it, "out_of_plane" is the last.
+        """Names of the n_u long waves. "longitudinal" is the first, if balls move along all
+        periods. Then follows "transverse", or "transverse_slow" and "transverse_fast", for the
+        other displacements. If balls in a plane leave it, "out_of_plane" is the last.
         """
         return name_waves(self.motions.translations, self.periods)
 
@@ -1100,9 +1101,9 @@ class LongWaves(Compatibility):
 
         Raises
         ------
-        InputError : balls do not move along the periods or touch bodies that do not move; springs
-            to the ground resist their displacements, or with two or three periods their rotations;
-            or a prestress that :meth:`gradient_stiffness` refuses.
+        InputError : balls do not move along the periods, touch nothing or touch bodies that do not
+            move; springs to the ground resist their displacements, or with two or three periods
+            their rotations; or a prestress that :meth:`gradient_stiffness` refuses.
         MechanismError : the lattice has a :attr:`mechanism`.
         InstabilityError : under prestress some strain has a modulus below zero, or moves an inner
             motion of negative energy.
@@ -1194,10 +1195,10 @@ class LongWaves(Compatibility):
         d^2/20 (see the errata). Static forces are left out.
 
         Raises :class:`~granphon.base.errors.InputError` if a cell has more than one rotation, or
-        none; if bodies that do not move, or springs to the ground, hold the ball, as long waves of
-        its displacements then have frequencies above zero too; if nothing resists the rotation at
-        Gamma, as contacts that resist only rolling do not; and for a direction that is not p finite
-        numbers, or zero.
+        none; if there are no contacts; if bodies that do not move, or springs to the ground, hold
+        the ball, as long waves of its displacements then have frequencies above zero too; if
+        nothing resists the rotation at Gamma, as contacts that resist only rolling do not; and for
+        a direction that is not p finite numbers, or zero.
         """
         if self.n_balls != 1 or len(self.motions.rotations) != 1:
             raise InputError(

@@ -214,9 +214,10 @@ def sum_kinds(rows: Sequence[Row], products: Array) -> dict[str, Array]:
 
 
 def list_contact_units(network: ContactNetwork, units: Units) -> dict[str, Any]:
-    """Return what one in the reduced ``units`` is in SI, for each parameter of a contact by which
-    derivatives are found: a number, or (n_c,). Derivatives by "normal_force" are found by minus the
-    force over the distance of the balls, so that the unit contains minus this distance.
+    """Return what one in the reduced ``units`` is in SI, for each parameter of the contacts of a
+    ``network`` by which derivatives are found: a number, or (n_c,). Derivatives by "normal_force"
+    are found by minus the force over the distance of the balls, so that the unit contains minus
+    this distance.
     """
     twist_unit = units.stiffness * units.length**2
     by_contact: dict[str, Any] = {

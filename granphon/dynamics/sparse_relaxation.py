@@ -139,7 +139,7 @@ class SparseRelaxation:
     def _factorise(self, difference: Any, progress: Progress) -> None:
         """Factorise the normal equations of the columns of ``difference`` (n_rows, n_branches),
         each divided by its length; set the scale of the columns, the scaled matrix, a bound of its
-        eigenvalues and its factors.
+        eigenvalues and its factors. ``progress`` is told how far the factors have come.
         """
         from scipy.sparse import diags_array
 

@@ -94,12 +94,7 @@ def _find_boxes(frame: BallFrame) -> _Boxes:
     """
     n = len(frame.positions)
     p = len(frame.cell)
-    # unit vectors perpendicular to the periods complete the cell to three axes
-    perpendicular_axes = np.eye(3)
-    if p:
-        _, _, directions = np.linalg.svd(frame.cell, full_matrices=True)
-        perpendicular_axes = directions[p:]
-    axes = np.concatenate([frame.cell, perpendicular_axes])
+    axes = _complete_axes(frame.cell)
     # coordinates (n, 3) of the balls along these axes, within the cell along the periods
     coordinates = frame.positions @ np.linalg.inv(axes)
     cells = -np.floor(coordinates[:, :p])
@@ -126,6 +121,16 @@ def _find_boxes(frame: BallFrame) -> _Boxes:
     # boxes without balls are left out
     occupied_keys, box = np.unique(keys, return_inverse=True)
     return _Boxes(box, len(occupied_keys), (coordinates - middles) @ axes, cells, side)
+
+
+def _complete_axes(cell: Array) -> Array:
+    """Return three axes (3, 3), as rows: the periods of a ``cell`` (p, 3), and unit vectors
+    perpendicular to all of them.
+    """
+    if not len(cell):
+        return np.eye(3)
+    _, _, directions = np.linalg.svd(cell, full_matrices=True)
+    return np.concatenate([cell, directions[len(cell) :]])
 
 
 def _find_side(lengths: Array, count: float) -> float:

@@ -112,9 +112,12 @@ def design(
 
     Raises
     ------
-    InputError : unknown names, names that vary the same numbers, no bounds, bounds that exclude the
-        network or a sum, constraints or ``per="kind"`` with a function, a function that cannot be
-        called with the names, an object that is no goal, a goal that the network does not have or
+    InputError : an ``x`` without a network, unknown names or none, names that vary the same
+        numbers, nothing in the network that has a name, no bounds or other ones than ``bounds``
+        says, bounds that begin at zero where a network must be above zero, bounds that exclude the
+        network or a sum, ``constraints`` of other names or that are no numbers, another ``per``,
+        constraints or ``per="kind"`` with a function, a function that cannot be called with the
+        names, an object that is no goal, a goal that the network does not have or
         that gives no finite numbers, a goal that depends on none of the variables, ``restarts``, a
         ``seed`` or ``steps`` that are no whole numbers or too small, and a ``progress`` without
         ``step``.
@@ -146,7 +149,8 @@ def _read_parameters(make: Any, vary: Any, bounds: Any) -> Parameters:
     """Return the parameters, named in ``vary``, of a function ``make`` of keywords that makes
     networks; the search begins in the middle of their ``bounds``, which are those of
     :func:`design`. InputError for names that are none, that are given twice, or with which the
-    function cannot be called.
+    function cannot be called, and for bounds that
+    :func:`~granphon.inverse.variables.read_bounds` refuses.
     """
     names = texts("vary", vary)
     if not names or len(set(names)) < len(names):
@@ -242,7 +246,8 @@ def choose_best(
 def _choose_certified(
     problem: Problem, searches: Sequence[SearchOutcome], order: Sequence[int], start: ContactNetwork
 ) -> _Choice:
-    """Return the network that is kept for a gap, whose width, Hz, is that on the finer mesh.
+    """Return the network that is kept for a ``problem`` whose goal is a gap; its width, Hz, is that
+    on the finer mesh.
 
     The ``searches`` are tried in the ``order`` of their starts: the first one whose gap is open on
     the finer mesh is kept, unless ``start``, the given network, has the sums that are to be kept,

@@ -193,7 +193,7 @@ class WidestGap:
 
     def _find_frequencies(self, phonons: Phonons) -> tuple[Array, Array]:
         """Return the wave vectors (n_q, p) of half of the mesh, in fractions of the reciprocal
-        cell, and the frequencies of all branches there, (n_q, n_b), Hz.
+        cell, and the frequencies of all branches of the ``phonons`` there, (n_q, n_b), Hz.
         """
         points = list_half_mesh(self._list_numbers(phonons.lattice.periods))
         return points, phonons.frequencies(points)
@@ -204,7 +204,8 @@ class WidestGap:
         the ground. Frequencies that hardly count in an edge are left out of the derivatives.
 
         Of ``branches`` and ``smoothing``, one that is not given is chosen at this network. Raises
-        InputError for a ``mesh`` of another number of periods, and as :meth:`choose` does.
+        InputError for a ``mesh`` of another number of periods, and as :meth:`choose` does; and what
+        :meth:`granphon.Phonons.sensitivities` raises, as for a network that is not stable.
         """
         if self.branches is None or self.smoothing is None:
             return self.choose(network, 1)[0].evaluate(network)
@@ -230,7 +231,7 @@ class WidestGap:
     def certify(self, network: ContactNetwork) -> float:
         """Return the width of the gap, Hz, without smoothing, its edges sought from a mesh four
         times finer than that of the search; zero if the gap is closed. ``branches`` that are not
-        given are chosen at this network. Raises InputError as :meth:`evaluate` does.
+        given are chosen at this network. Raises what :meth:`evaluate` raises.
         """
         if self.branches is None:
             return self.choose(network, 1)[0].certify(network)
@@ -251,7 +252,7 @@ class WidestGap:
         return "closed, the branches overlap" if width < 0.0 else ""
 
     def estimate_memory(self, network: ContactNetwork) -> float:
-        """Return the memory that :meth:`evaluate` takes, bytes."""
+        """Return the memory that :meth:`evaluate` of a ``network`` takes, bytes."""
         lattice = Phonons(network).lattice
         n_points = math.prod(self._list_numbers(lattice.periods))
         frequency_cost = costs.bands(n_points, lattice.n_branches, eigenvectors=False)
@@ -259,7 +260,7 @@ class WidestGap:
         return max(frequency_cost.working, vector_cost.working) + frequency_cost.kept
 
     def estimate_certificate(self, network: ContactNetwork) -> costs.Cost:
-        """Return the cost of :meth:`certify`, in time and memory."""
+        """Return the cost of :meth:`certify` of a ``network``, in time and memory."""
         lattice = Phonons(network).lattice
         numbers = self._list_numbers(lattice.periods)
         n_points = math.prod(REFINEMENT * number for number in numbers)
@@ -362,7 +363,7 @@ class MatchFrequencies:
             raise InputError(fault, why, "Sort them, or give the wave vectors of branches, q")
 
     def estimate_memory(self, network: ContactNetwork) -> float:
-        """Return the memory that :meth:`evaluate` takes, bytes."""
+        """Return the memory that :meth:`evaluate` of a ``network`` takes, bytes."""
         measured = np.asarray(self.measured)
         if self.q is None:
             cost = Waves(network).estimate("modes", measured.size)
@@ -378,7 +379,9 @@ class MatchFrequencies:
 
         Without ``sigma`` the errors are the measured frequencies. Raises InputError if ``shapes``
         are of other balls or motions or move no ball, if there are not as many frequencies as are
-        measured, and for wave vectors or branches that the network does not have.
+        measured, and for wave vectors or branches that the network does not have; and what
+        :meth:`granphon.Waves.modes` or :meth:`granphon.Phonons.sensitivities` raises, as for a
+        network that is not stable.
         """
         measured = np.asarray(self.measured, float)
         sigma = measured if self.sigma is None else self.sigma
@@ -415,9 +418,10 @@ class MatchFrequencies:
         return residuals, slopes
 
     def _assign_modes(self, modes: NetworkModes) -> tuple[Index, Array]:
-        """Return, for each measured shape, the number (m,) of the mode to which it is assigned, and
-        its overlap (m,) with the shape of that mode: the square of the cosine between the two,
-        weighted by masses and moments of inertia. The sum of the overlaps is the greatest one.
+        """Return, for each measured shape, the number (m,) of that of the ``modes`` to which the
+        shape is assigned, and its overlap (m,) with the shape of that mode: the square of the
+        cosine between the two, weighted by masses and moments of inertia. The sum of the overlaps
+        is the greatest one.
 
         InputError for shapes of other balls or motions, and for a shape of balls that are held.
         """
@@ -442,7 +446,7 @@ class MatchFrequencies:
     def evaluate(self, network: ContactNetwork) -> tuple[float, dict[str, Any]]:
         """Return the sum of the squares of the misfits over their errors, without a unit, and its
         derivatives by name: (n_c,) for contacts, (n,) for balls, and (n, motions) for springs to
-        the ground.
+        the ground. Raises what :meth:`find_residuals` raises.
         """
         residuals, slopes = self.find_residuals(network)
         # the derivative of r^2 is 2 r dr
@@ -456,6 +460,7 @@ class MatchFrequencies:
         assigned, or some frequency of a ``network`` is not matched; "" otherwise.
 
         ``value``, that of :meth:`evaluate`, stands in the signature of all goals, and is not used.
+        Raises what :meth:`find_residuals` raises.
         """
         residuals, _slopes = self.find_residuals(network)
         if self.shapes is not None:
@@ -492,13 +497,13 @@ class LowestVelocity:
     largest = False
 
     def estimate_memory(self, network: ContactNetwork) -> float:
-        """Return the memory that :meth:`evaluate` takes, bytes."""
+        """Return the memory that :meth:`evaluate` of a ``network`` takes, bytes."""
         n_balls = int(np.count_nonzero(network.moving))
         return costs.relaxation_memory(n_balls, network.ball_motions.count, network.dimension)
 
     def evaluate(self, network: ContactNetwork) -> tuple[float, dict[str, Any]]:
-        """Return the velocity, m/s, and its derivatives by name: (n_c,) for contacts, (n,) for
-        balls, and (n, motions) for springs to the ground.
+        """Return the velocity in a ``network``, m/s, and its derivatives by name: (n_c,) for
+        contacts, (n,) for balls, and (n, motions) for springs to the ground.
 
         Raises InputError for several directions or loads, and for a ``wave`` that is not there; and
         what :func:`granphon.sound_velocities` raises.
@@ -557,15 +562,15 @@ class ResponseAt:
             object.__setattr__(self, name, value)
 
     def estimate_memory(self, network: ContactNetwork) -> float:
-        """Return the memory that :meth:`evaluate` takes, bytes."""
+        """Return the memory that :meth:`evaluate` of a ``network`` takes, bytes."""
         places = (self.source, self.receiver)
         cost = Waves(network).estimate("response", [self.frequency], *places, **self.options)
         return cost.working + cost.kept
 
     def evaluate(self, network: ContactNetwork) -> tuple[float, dict[str, Any]]:
-        """Return the magnitude, in ``unit``, and its derivatives by name: (n_c,) for contacts, (n,)
-        for balls, and (n, motions) for springs to the ground. There are no derivatives where the
-        response is zero. Raises what :meth:`granphon.Waves.response` raises.
+        """Return the magnitude in a ``network``, in ``unit``, and its derivatives by name: (n_c,)
+        for contacts, (n,) for balls, and (n, motions) for springs to the ground. There are no
+        derivatives where the response is zero. Raises what :meth:`granphon.Waves.response` raises.
         """
         waves = Waves(network)
         response = waves.response([self.frequency], self.source, self.receiver, **self.options)

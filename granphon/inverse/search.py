@@ -206,7 +206,8 @@ class Problem:
         seed: int = SEED,
         steps: int = STEPS,
     ) -> Self:
-        """Return a problem with ``restarts`` random starts after the given network.
+        """Return a problem with ``restarts`` random starts after the given network, whose ``space``
+        and ``sums`` are those of the attributes.
 
         A goal that has to be chosen, as a gap, is replaced by several with fixed numbers of
         branches, at most one for each start. InputError for an object that is no goal, where the

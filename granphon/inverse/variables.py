@@ -109,8 +109,8 @@ class _Group:
         """Return the least and the greatest value of the variables, SI, from the argument
         ``bounds`` of :func:`granphon.design` for all ``names``.
 
-        InputError if there is nothing to vary, or if the bounds begin at zero where a network must
-        be above zero.
+        InputError if there is nothing to vary, for bounds that :func:`read_bounds` refuses, and if
+        the bounds begin at zero where a network must be above zero.
         """
         if not self.count:
             fault = f"the network has no {self.name} to vary"
@@ -258,7 +258,8 @@ class Variables:
     def read_sums(self, constraints: Mapping[str, float] | None) -> list[tuple[Array, float]]:
         """Return, for each of the ``constraints``, {name: total}, the weights (n,) with which the
         variables add up to the sum over all balls or contacts, and the total that the sum keeps,
-        SI. InputError for names that do not vary, and totals out of reach.
+        SI. InputError for what is no mapping, for names that do not vary, and for totals that are
+        no numbers or out of reach.
         """
         total_of_name: Any = {} if constraints is None else constraints
         if not isinstance(total_of_name, Mapping):
@@ -295,9 +296,9 @@ class Variables:
 
 
 def _read_values(network: ContactNetwork, field: str, members: Index) -> Array:
-    """Return the values (m,), SI, of a ``field`` of the ``members`` (m,), indices of balls or
-    contacts. For springs to the ground the value is the mean of those against the displacements of
-    a ball, or zero if there are none.
+    """Return the values (m,), SI, of a ``field`` of a ``network`` for the ``members`` (m,), indices
+    of balls or contacts. For springs to the ground the value is the mean of those against the
+    displacements of a ball, or zero if there are none.
     """
     values = getattr(network, field)
     if field != "on_site":
@@ -362,8 +363,9 @@ def find_outside(space: Any, units: Sequence[str] = ()) -> dict[int, str]:
 
 
 def _make_group(network: ContactNetwork, name: str, per: str) -> _Group:
-    """Return the variables of a ``name``: one for "each" ball or contact, or one for all balls of a
-    "kind" or all contacts of a pair of kinds, as ``per`` says. Balls that do not move have none.
+    """Return the variables of a ``name`` in a ``network``: one for "each" ball or contact, or one
+    for all balls of a "kind" or all contacts of a pair of kinds, as ``per`` says. Balls that do not
+    move have none.
     """
     kinds: list[tuple[str, ...]] | None = None
     is_of_balls = not {"masses", "inertias", "on_site"}.isdisjoint(VARIED[name])

@@ -136,7 +136,7 @@ class EffectiveLaw(SpreadLaw):
     coefficient : c of Hertz's law of equal balls, N/m^(3/2).
     width : W, the width of the distribution of diameters, m.
     shape : the shape of the distribution.
-    xi : the local-field factor Xi.
+    xi : the local-field factor Xi, above zero and finite.
     """
 
     coefficient: float
@@ -638,8 +638,9 @@ class PointAverages:
         return PointBalls(self._weights, self.xi, *sums)
 
     def _sum_near(self, block: Block, near_contacts: slice) -> list[Array]:
-        """Return the four sums of :meth:`balls` over the ``near_contacts``, contact by contact;
-        arrays of contacts are (near contacts, B) or (near contacts, B, s + 1).
+        """Return the four sums of :meth:`balls` at the points of a ``block`` over the
+        ``near_contacts``, contact by contact; arrays of contacts are (near contacts, B) or (near
+        contacts, B, s + 1).
         """
         openings = self._openings[near_contacts]
         pair_weights = self._pair_weights[..., near_contacts]
@@ -827,10 +828,8 @@ def _differentiate_curve(curve: EffectiveCurve) -> tuple[Array, Array, Array]:
     tables = []
     first_solved = curve.steps.shape[1]  # steps from this number on are solved
     while first_solved:
-        steps = _list_steps(curve, slice(max(0, first_solved - _MANY_STEPS), first_solved))
-        block = Block.of(steps, points)
-        step_count = averages.limit_steps(block) if averages else len(steps)
-        block = Block.of(steps[:step_count], points)
+        block = _take_solved(curve, first_solved, points, averages)
+        step_count = len(block.origin)
         balls = averages.balls(block) if averages else DensityBalls(shape, xi, _N_NODES, block)
         steps_of_block = slice(first_solved - step_count, first_solved)
         values = chebyshev.chebval(points, curve.tables[STIFFNESS][:, steps_of_block])
@@ -846,6 +845,20 @@ def _differentiate_curve(curve: EffectiveCurve) -> tuple[Array, Array, Array]:
     rise = 2.0 * curve.steps[2] * curve.steps[1:]
     forces = _integrate_over_steps(stiffness, rise, force_slope)
     return _integrate_over_steps(forces, rise, 0.0), forces, stiffness
+
+
+def _take_solved(
+    curve: EffectiveCurve, end: int, points: Array, averages: PointAverages | None
+) -> Block:
+    """Return the block of the steps of a ``curve`` below number ``end``, with ``points`` (s + 1,)
+    from -1 to 1 on each: as many steps as are worked on at once, which for listed diameters their
+    ``averages`` limit.
+    """
+    steps = _list_steps(curve, slice(max(0, end - _MANY_STEPS), end))
+    block = Block.of(steps, points)
+    if averages is None:
+        return block
+    return Block.of(steps[: averages.limit_steps(block)], points)
 
 
 def _differentiate_series(curve: EffectiveCurve) -> float:
@@ -953,6 +966,7 @@ class _CurveSolver:
     def __init__(
         self, shape: Shape, xi: float, stages: int, tolerance: float, longest: float, n_nodes: int
     ) -> None:
+        """Divide the range below the series into steps; none of them is solved yet."""
         self.shape = shape
         self.xi = xi
         self.tolerance = tolerance
@@ -997,6 +1011,8 @@ class _CurveSolver:
     def _advance(self) -> bool:
         """Solve the next steps, or divide them if they are not resolved; return False if the curve
         ends at their upper end, as they are not resolved however short they are.
+
+        Raises :class:`~granphon.base.errors.PrecisionError` if that is where the medium is valid.
         """
         # steps are halved towards the first contact, and never contain it
         if self._is_at_first_contact(self.pending_steps[-1]):
@@ -1156,8 +1172,9 @@ def _estimate(
     """Return an estimate of the stiffness k (B, s + 1) at the points of a ``block``, with the value
     ``top_stiffness`` at its upper end.
 
-    The ratio k/<K^Q> is a smooth function of the overlap. It is interpolated from the overlaps and
-    ratios ``guess`` of the last attempt, or without one is a constant.
+    The ratio k/<K^Q>, <K^Q> being the mean stiffness of the ``balls``, is a smooth function of the
+    overlap. The ratio is interpolated from the overlaps and ratios ``guess`` of the last attempt,
+    or without one is a constant.
     """
     ratio = np.ones(block.y.shape) if guess is None else np.interp(block.y, *guess)
     scale = top_stiffness / (balls.mean[0, -1] * ratio[0, -1])

@@ -41,6 +41,7 @@ from granphon.balls.hertz import (
 )
 from granphon.base.arrays import ROUNDING, Array
 from granphon.base.errors import InputError, PrecisionError
+from granphon.base.results import read_only
 from granphon.base.scales import WidthUnits
 from granphon.base.validation import real_array
 
@@ -129,7 +130,9 @@ def high_pressure_series(shape: Shape, xi: float) -> Series:
     x, weights = shape.nodes(_SERIES_START * scale)
     balls = _expand_forces(x / scale, weights)
     mean = balls @ weights if math.isinf(xi) else _solve_orders(balls, weights, xi)
-    return Series(mean, scale, _SERIES_START * scale, balls, weights)
+    return Series(
+        read_only(mean), scale, _SERIES_START * scale, read_only(balls), read_only(weights)
+    )
 
 
 def _expand_forces(x: Array, weights: Array) -> Array:
@@ -533,4 +536,5 @@ def _tabulate_force(shape: Shape) -> tuple[Array, Array]:
     log_least = math.log(_LEAST_DEPTH * abs(first_contact))
     log_most = math.log(start - first_contact)
     log_depths = np.linspace(log_least, log_most, _TABLE_ROWS)
-    return log_depths, np.log(shape.force(first_contact + np.exp(log_depths)))
+    log_forces = np.log(shape.force(first_contact + np.exp(log_depths)))
+    return read_only(log_depths), read_only(log_forces)

@@ -1290,7 +1290,7 @@ def _couple_layers(space: HalfSpace, q: Array, hertz: Array, losses: Losses) -> 
         require_bloch_memory(hertz.size, space.size)
         return space.couplings(q)
     require_bloch_memory(hertz.size, space.size, space.cut.n_contacts)
-    blocks = space.couplings(q, losses.soften(2.0 * np.pi * hertz))
+    blocks = space.couplings(q, losses.find_stiffness_factors(2.0 * np.pi * hertz))
     # drag acts on the motions of a block as an imaginary stiffness, -i omega gamma M
     drags = losses.drag_of(space.motions) / (2.0 * np.pi * space.units.frequency)
     of_block = np.diag(np.tile(drags, space.size // drags.size))

@@ -2,6 +2,7 @@ import io
 import os
 import re
 import shutil
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -16,6 +17,7 @@ from granphon.base.errors import FileExistsInRunError
 from granphon.base.progress import Silent, Terminal, on_stderr, silent
 from granphon.base.staging import LIST
 from granphon.cli.main import main
+from granphon.cli.terminal import write_range
 from granphon.scene.outputs import expected_files
 from granphon.scene.scene import Scene
 from tests.conftest import one_error
@@ -579,6 +581,18 @@ def test_progress_on_a_real_terminal_leaves_stdout_alone(work):
     assert b"density of states" in seen
     assert b"\x1b" not in out
     assert b"longitudinal velocity" in out
+
+
+def test_ends_of_a_range_that_read_alike_are_written_once():
+    assert write_range([1.0, 1.0 + 1e-9], "N") == "1 N"
+    assert write_range([[2.0], [1.0]], "N") == "1 N to 2 N"
+
+
+def test_a_handler_of_sigterm_that_python_has_not_set_is_no_failure(monkeypatch):
+    handlers = []
+    monkeypatch.setattr(signal, "signal", lambda _number, handler: handlers.append(handler))
+    assert main(["--version"]) == 0
+    assert handlers == [signal.default_int_handler]
 
 
 def test_a_closed_stdout_is_no_failure(work, monkeypatch, capsys):

@@ -13,6 +13,7 @@ from numpy.testing import assert_allclose
 from scipy.optimize import brentq
 
 import granphon as gp
+from granphon.balls.motions import IN_PLANE
 from granphon.base.errors import InputError, UnreachableFrequencyError
 from granphon.dynamics.branches import (
     connect_branches,
@@ -214,6 +215,15 @@ def test_branches_are_connected_from_eigenvectors_at_points(shape):
 def test_branches_are_connected_from_finite_numbers(vectors):
     with pytest.raises(InputError, match="finite numbers"):
         connect_branches(vectors)
+
+
+def test_a_branch_that_stays_at_zero_has_pulses_of_frequency_zero():
+    chain = gp.ContactLattice.of("chain", 0.8, motions=IN_PLANE)
+    branch = follow_acoustic_branches(chain, (1.0,))["transverse"]
+    assert branch.top == 0.0
+    wavenumbers, velocities = branch.find_pulse([0.0])
+    assert wavenumbers == 0.0
+    assert velocities == 0.0
 
 
 def test_frequencies_of_pulses_have_one_axis(hexagonal):

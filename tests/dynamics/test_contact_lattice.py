@@ -233,7 +233,7 @@ def test_cells_of_dependent_vectors_or_other_axes_are_refused(hexagonal, cell):
         gp.ContactLattice(cell, hexagonal.positions, hexagonal.contacts, 0.8)
 
 
-@pytest.mark.parametrize("branches", [[[3]], [[-1]], [[0], [1]], [0]])
+@pytest.mark.parametrize("branches", [[[3]], [[-1]], [[0], [1]], [0], [[0.5]], [[]]])
 def test_energies_of_branches_that_there_are_not_are_refused(hexagonal, branches):
     with pytest.raises(InputError, match="branches"):
         hexagonal.mode_energies([[0.1, 0.2]], np.array(branches))
@@ -304,6 +304,48 @@ def test_cells_and_positions_of_other_shapes_are_refused(cell, positions):
     contacts = gp.ContactLattice.of("triangular", 0.5).contacts
     with pytest.raises(InputError, match="shape"):
         gp.ContactLattice(cell, positions, contacts, 0.5)
+
+
+def test_contacts_of_another_lattice_are_refused(hexagonal):
+    contacts = hexagonal.contacts
+    tilted_cell = np.pad(hexagonal.cell, ((0, 0), (0, 1)))
+    for cell, positions, problem in (
+        ([[1.0, 0.0]], hexagonal.positions, "shifts"),
+        (tilted_cell, np.zeros((1, 3)), "normals"),
+        (hexagonal.cell, np.zeros((0, 2)), "does not have"),
+    ):
+        with pytest.raises(InputError, match=problem):
+            gp.ContactLattice(cell, positions, contacts, 0.5)
+
+
+def test_ratios_of_stiffnesses_may_be_lists(hexagonal):
+    of_cell = (hexagonal.cell, hexagonal.positions, hexagonal.contacts)
+    ratios = [0.5, 0.6, 0.7]
+    q = [[0.3, 0.4]]
+    from_list = gp.ContactLattice(*of_cell, ratios, torsion=ratios, bending=tuple(ratios))
+    from_array = gp.ContactLattice(*of_cell, np.array(ratios), torsion=0.1, bending=0.1)
+    assert_allclose(from_list.mindlin_ratio, from_array.mindlin_ratio)
+    assert_allclose(from_list.bending, ratios)
+    assert np.all(from_list.frequencies(q) > 0.0)
+    with pytest.raises(InputError, match=r"mindlin_ratio .*\(2,\)"):
+        gp.ContactLattice(*of_cell, [0.5, 0.6])
+
+
+def test_balls_without_contacts_have_no_waves(hexagonal):
+    rows = np.zeros(0, np.intp)
+    contacts = hexagonal.contacts.take(rows, rows, rows, np.zeros((0, 2), np.intp))
+    loose = gp.ContactLattice(hexagonal.cell, hexagonal.positions, contacts, 0.5)
+    for find in (
+        lambda: loose.frequencies([[0.1, 0.2]]),
+        lambda: loose.modes([[0.1, 0.2]]),
+        lambda: loose.free_branch_warnings,
+        lambda: loose.compatibility([[0.1, 0.2]]),
+        lambda: loose.acoustic_tensor((1.0, 0.0)),
+        lambda: loose.sound_velocities((1.0, 0.0)),
+        loose.elastic_tensor,
+    ):
+        with pytest.raises(InputError, match="no contacts"):
+            find()
 
 
 def test_a_lattice_with_fixed_bodies_is_no_network_of_its_balls():
