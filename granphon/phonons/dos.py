@@ -96,8 +96,9 @@ class DensityOfStates(Result):
         wrote is replaced.
 
         Raises :class:`~granphon.base.errors.InputError` for errors of another name or length or
-        below zero, for what is no mapping or no path, and
-        :class:`~granphon.base.errors.FileExistsInRunError` if another file is there.
+        below zero, for what is no mapping or no path;
+        :class:`~granphon.base.errors.FileExistsInRunError` if another file is there; and
+        :class:`~granphon.base.errors.OutputError` if the file system refuses the file.
 
         The heading is the first line, so that spreadsheets and ``numpy.genfromtxt(path,
         delimiter=",", names=True)`` take the names from it. Comments below it hold the digest of

@@ -160,9 +160,10 @@ class SurfaceSpectrum(Result, array="values"):
         standard error of each frequency, and with ``weight_errors`` (n,) that of each weight, nan
         where it is not known. A table with the same headings is replaced.
 
-        Raises :class:`~granphon.base.errors.InputError` for a spectrum without waves, and for
-        errors of another number than waves or below zero, and
-        :class:`~granphon.base.errors.FileExistsInRunError` if another file is there.
+        Raises :class:`~granphon.base.errors.InputError` for a spectrum without waves, for errors of
+        another number than waves or below zero, and for what is no path;
+        :class:`~granphon.base.errors.FileExistsInRunError` if another file is there; and
+        :class:`~granphon.base.errors.OutputError` if the file system refuses the file.
         """
         waves = self.waves
         if waves is None:
@@ -506,8 +507,8 @@ class Surface:
         )
 
     def along_path(self, npoints: int) -> SurfaceBranches:
-        """Return :meth:`branches` along :meth:`path`, with ``npoints`` in each segment. The
-        branches are kept, as a figure and a data set need the same. Errors are those of both.
+        """Return :meth:`branches` along :meth:`path`, with ``npoints`` in each segment. Errors are
+        those of both methods. The branches are kept, as a figure and a data set need the same.
         """
         q = self.path(npoints)[0]
         if len(q) not in self._along_path:
@@ -697,9 +698,9 @@ def observe_surface(
 
 
 def _tabulate_waves(branches: Sequence[SurfaceBranches], n_q: int) -> tuple[Array, Array]:
-    """Return the frequencies, Hz, and the weights (surfaces, n_q, n_w) of the waves of several
-    surfaces, ``branches``, at the same ``n_q`` wave vectors; nan where a wave vector has fewer
-    waves than another.
+    """Return the frequencies, Hz, and the weights, both (surfaces, n_q, n_w), of the waves of
+    several surfaces, ``branches``, at the same ``n_q`` wave vectors; nan where a wave vector has
+    fewer waves than another.
     """
     counts = [int(np.bincount(waves.place, minlength=1).max()) for waves in branches]
     shape = (len(branches), n_q, max(1, *counts))
