@@ -107,7 +107,7 @@ def read_traces(
 
 
 def _read_file(path: str | os.PathLike[str]) -> _FileTraces:
-    """Return the traces of one file: HDF5 by the ending of its name, else a table."""
+    """Return the traces of the file ``path``: HDF5 by the ending of its name, else a table."""
     is_hdf5 = Path(path).suffix.lower() in _HDF5
     return _read_hdf5(path) if is_hdf5 else _read_table(path)
 

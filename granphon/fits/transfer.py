@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls import hertz
 from granphon.balls.packing import LOSS_PARAMETERS, LOSSES, SECOND_LOSSES
-from granphon.base.arrays import ROUNDING, Array
+from granphon.base.arrays import ROUNDING, Array, Flags
 from granphon.base.errors import GranphonError, InputError, brief
 from granphon.base.quantities import FREQUENCY, Quantity
 from granphon.base.results import Result, held, result_class
@@ -250,30 +250,8 @@ class TransferFunction(Result):
         _, cross_spectrum = csd(force, motion, **options)
         _, coherences = coherence(force, motion, **options)
         n_independent = _count_independent(n, n_segment)
-        low, high = (0.0, math.inf) if band is None else _read_band(band)
-        # segments have lost their means, and with these the frequencies of one window about zero
-        is_whole = frequencies > 2.0 / (n_segment * step)
-        is_in_band = (frequencies >= low) & (frequencies <= high)
-        if not np.any(is_whole & is_in_band):
-            raise InputError(
-                f"the band, {low:g} to {high:g} Hz, holds no frequency",
-                f"Segments have frequencies from {frequencies[is_whole][0]:.6g} to"
-                f" {frequencies[-1]:.6g} Hz, {frequencies[1]:.6g} Hz apart",
-                "Give a wider band, or a longer segment",
-            )
-        is_coherent = coherences > _find_coherence_of_noise(_CHANCE_OF_NOISE, n_independent)
-        is_kept = is_coherent & is_whole & is_in_band
-        # Of many frequencies some exceed that limit by chance. At least one must exceed a higher
-        # limit, which noise exceeds at any of them with the probability of a hundredth.
-        least_coherence = _find_coherence_of_noise(
-            _CHANCE_OF_NOISE / frequencies.size, n_independent
-        )
-        if not np.any(coherences[is_kept] > least_coherence):
-            raise InputError(
-                "nothing connects drive and response: no coherence is above"
-                f" {least_coherence:.2g} in the band",
-                mend="Look at the band, drive harder, or record for longer",
-            )
+        edges = (0.0, math.inf) if band is None else _read_band(band)
+        is_kept = _choose_frequencies(frequencies, coherences, n_independent, edges)
         transfer = cross_spectrum[is_kept] / spectrum[is_kept]
         coherences = np.minimum(coherences[is_kept], 1.0 - ROUNDING)
         relative_error = np.sqrt((1.0 - coherences) / (2.0 * n_independent * coherences))
@@ -297,15 +275,52 @@ def _read_band(band: Any) -> tuple[float, float]:
     return edges[0], edges[1]
 
 
+def _choose_frequencies(
+    frequencies: Array, coherences: Array, n_independent: float, band: tuple[float, float]
+) -> Flags:
+    """Return which of the ``frequencies`` (n_f,) of segments, Hz, from zero on, are kept (n_f,):
+    those in the ``band``, (lowest, highest), Hz, at which noise alone would rarely have the
+    ``coherences`` (n_f,) in a mean over ``n_independent`` segments.
+
+    Raises InputError if there is no frequency in the band, or if the coherences in the band may all
+    be those of noise.
+    """
+    low, high = band
+    # segments have lost their means, and with these the frequencies of one window about zero: the
+    # distance of two frequencies is one over the length of a segment
+    is_whole = frequencies > 2.0 * frequencies[1]
+    is_in_band = (frequencies >= low) & (frequencies <= high)
+    if not np.any(is_whole & is_in_band):
+        raise InputError(
+            f"the band, {low:g} to {high:g} Hz, holds no frequency",
+            f"Segments have frequencies from {frequencies[is_whole][0]:.6g} to"
+            f" {frequencies[-1]:.6g} Hz, {frequencies[1]:.6g} Hz apart",
+            "Give a wider band, or a longer segment",
+        )
+    is_coherent = coherences > _find_coherence_of_noise(_CHANCE_OF_NOISE, n_independent)
+    is_kept = is_coherent & is_whole & is_in_band
+    # Of many frequencies some exceed that limit by chance. At least one must exceed a higher limit,
+    # which noise exceeds at any of them with the probability of a hundredth.
+    least_coherence = _find_coherence_of_noise(_CHANCE_OF_NOISE / frequencies.size, n_independent)
+    if not np.any(coherences[is_kept] > least_coherence):
+        raise InputError(
+            "nothing connects drive and response: no coherence is above"
+            f" {least_coherence:.2g} in the band",
+            mend="Look at the band, drive harder, or record for longer",
+        )
+    return np.asarray(is_kept)
+
+
 def _choose_segment(n: int, step: float, segment: float | None) -> int:
     """Return the number of samples of a segment of the length ``segment``, s, by default an eighth
     of a record of ``n`` samples, ``step`` s apart; InputError if the segment is too short, or if
     two segments that overlap by half do not fit into the record.
     """
-    n_segment = n // 8 if segment is None else round(positive("segment", segment, "s") / step)
+    length = n // 8 * step if segment is None else positive("segment", segment, "s")
+    n_segment = n // 8 if segment is None else round(min(length / step, 2.0 * n))
     if n_segment < _LEAST_SEGMENT or 3 * n_segment > 2 * n:
         raise InputError(
-            f"a segment of {n_segment} samples, in a record of {n}",
+            f"a segment of {length:.4g} s, in a record of {n} samples {step:.4g} s apart",
             f"It needs {_LEAST_SEGMENT} samples or more, and two must fit in",
             "Give another segment, or record for longer",
         )
@@ -326,7 +341,7 @@ def _count_independent(n: int, n_segment: int) -> float:
 
 def _find_coherence_of_noise(chance: float, n_independent: float) -> float:
     """Return the coherence that noise alone exceeds with the probability ``chance``, in a mean over
-    ``n_independent`` segments.
+    ``n_independent`` segments: 1 - chance^(1/(n - 1)). Fewer than two segments count as two.
     """
     exponent = 1.0 / max(n_independent - 1.0, 1.0)
     return float(1.0 - chance**exponent)
@@ -406,8 +421,8 @@ class _SourceColumns:
 
     @property
     def is_complex(self) -> bool:
-        """Whether the table has real or imaginary parts, and no magnitudes; InputError unless it
-        then has both parts.
+        """Whether the table has real or imaginary parts, and no magnitudes; InputError if it has
+        only one of both parts.
         """
         if self.has("magnitude") or not (self.has("real") or self.has("imag")):
             return False
@@ -451,9 +466,14 @@ class _SourceColumns:
             raise InputError(f"{self.table.name}, {error}") from None
 
     def read_magnitude(self) -> Array:
-        """Return the magnitudes, (n,), in the unit of :meth:`measure`, also of a column in dB."""
+        """Return the magnitudes, (n,), in the unit of :meth:`measure`, also of a column in dB;
+        infinite or zero where decibels are beyond double precision.
+        """
         decibels = self.convert("magnitude", {"dB": 1.0})
-        return self.measure("magnitude") if decibels is None else 10.0 ** (decibels / 20.0)
+        if decibels is None:
+            return self.measure("magnitude")
+        with np.errstate(over="ignore", under="ignore"):  # the constructor refuses such magnitudes
+            return np.asarray(10.0 ** (decibels / 20.0))
 
     def read_complex(self) -> tuple[Array, Array]:
         """Return the magnitudes, (n,), in the unit of :meth:`measure`, and the phases, (n,), rad,
@@ -830,9 +850,12 @@ def fit_damping(
     the scatter. A loss whose error exceeds its value has the error up to which the misfit rises by
     that of one standard deviation.
 
-    Raises :class:`~granphon.base.errors.InputError` for parameters that cannot be fitted or told
-    apart, too few data, losses of which the data say nothing, a receiver that no wave reaches, a
-    ``finite_overlap`` without a load, and what :meth:`granphon.Waves.response` refuses.
+    Raises :class:`~granphon.base.errors.InputError` for data that are no
+    :class:`TransferFunction`, or are of sensors that are not calibrated and no gain is fitted;
+    parameters that cannot be fitted or told apart, too few data, losses of which the data say
+    nothing, data far beyond the response, a receiver that no wave reaches, a load of what is no
+    crystal, a crystal without a load, a ``finite_overlap`` without a load, and what
+    :meth:`granphon.Waves.response` refuses.
     """
     names = texts("parameters", parameters)
     pressed = x if isinstance(x, PressedCrystal) else None
@@ -1210,8 +1233,8 @@ def _require_data(dof: int, n_parameters: int, *, sigma_given: bool) -> None:
 
 
 def _judge_errors(names: Sequence[str], values: Array, errors: Array) -> list[str]:
-    """Return a warning for each parameter whose standard error is above half its value; values and
-    errors are (p,), SI, and those of ln(1/e) for the restitution e.
+    """Return a warning for each of the parameters ``names`` whose standard error is above half its
+    value; ``values`` and ``errors`` are (p,), SI, and those of ln(1/e) for the restitution e.
     """
     words = {_RESTITUTION: "ln(1/restitution)"}
     return [
