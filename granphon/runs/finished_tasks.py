@@ -221,8 +221,8 @@ class Store:
         return bool(self._query("SELECT 1 FROM task WHERE name = ? LIMIT 1", name))
 
     def read(self, name: str) -> TaskResult | None:
-        """Return the result of the task of this name or of its first steps; None for no result, or
-        a damaged one.
+        """Return the result of the task of this name or of its first steps; None for no result, for
+        a damaged one, and if the file cannot be read.
         """
         with suppress(Exception):  # whatever fails is in the file
             return decode(self._read(name))

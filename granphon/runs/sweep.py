@@ -176,8 +176,8 @@ def sweep(
         lattices of different dimension, waves of media that are no simulations or that an array
         does not have, a pulse in several directions, ``labels`` or ``npoints`` without bands, an
         executor without ``submit``, a ``progress`` without ``step``, a ``store`` of another class,
-        a ``path`` that does not end in .nc, ``resume`` without a path, and ``resume`` or
-        ``overwrite`` that is no truth value.
+        a ``path`` that is no path or does not end in .nc, ``resume`` without a path, and a flag,
+        such as ``gaps`` or ``overwrite``, that is no truth value.
     MechanismError : a lattice is a mechanism; raised before anything is computed. With bands, gaps,
         cutoffs or onsets, velocities and moduli are left out instead, with a warning.
     InstabilityError : with finite overlap, a lattice buckles.
@@ -192,6 +192,7 @@ def sweep(
     GranphonError : a medium has no solution. The message names medium, parameters and load, and
         ``load_index`` is the index of the load; of one state that is not simulated the message is
         that of the medium alone, and there is no index. No result is written then.
+    MissingPackageError : xarray is not installed, or with a ``path`` h5netcdf.
     """
     packing = given_balls(packing)
     media = default_medium(packing) if media is None else media
@@ -211,13 +212,11 @@ def sweep(
     require_losses(parameters, settings_with_losses)
     require_walls(parameters, settings_with_losses, find_kinds(packing))
     path_of_bands = _read_bands(bands, npoints, labels)
-    flags = {"gaps": gaps, "cutoffs": cutoffs, "onsets": onsets}
-    names_of_zone = [name for name in OF_ZONE if require(name, truth, flags[name])]
-    if path_of_bands is not None:
-        names_of_zone.insert(0, "bands")
+    names_of_zone = _list_in_zone({"gaps": gaps, "cutoffs": cutoffs, "onsets": onsets})
+    names_of_bands = [] if path_of_bands is None else ["bands"]
     names_of_arrays: Sequence[str] = () if waves is None else waves.names
     names_of_networks = [name for name, settings in networks.items() if settings is not None]
-    observe = ["velocities", *names_of_zone, *names_of_arrays, *names_of_networks]
+    observe = ["velocities", *names_of_bands, *names_of_zone, *names_of_arrays, *names_of_networks]
     # Velocities that cannot be found are an error only where nothing else is observed: balls that
     # are held have no sound, and a mechanism has bands and motions without velocities.
     is_held = packing.is_held or not HOLDING_PARAMETERS.isdisjoint(parameters)
@@ -241,10 +240,17 @@ def sweep(
     )
 
 
+def _list_in_zone(flags: Mapping[str, Any]) -> list[str]:
+    """Return the names of the observables of :data:`~granphon.runs.tasks.OF_ZONE` whose arguments
+    of :func:`sweep`, the ``flags`` by name, are true; InputError for one that is no truth value.
+    """
+    return [name for name in OF_ZONE if require(name, truth, flags[name])]
+
+
 def _choose_load(load: Load | None, **loads: ArrayLike | None) -> Load:
     """Return the applied load, of one axis at most: ``load``, or, where that is None, the only one
-    of ``loads``, values by kind, that is not None. InputError if both are given, or none, and for a
-    ``load`` that is no :class:`~granphon.Load`.
+    of ``loads``, values by kind, that is not None. InputError if both are given, none or several,
+    for values that are no loads, and for a ``load`` that is no :class:`~granphon.Load`.
     """
     if load is None:
         return Load.only(**loads)
@@ -258,8 +264,9 @@ def _choose_load(load: Load | None, **loads: ArrayLike | None) -> Load:
 
 def _read_media(media: Any, lattice: Lattice, packing: Packing | Arrangement) -> list[MediumChoice]:
     """Return the choices of media of a sweep from ``media``, a medium or a list of media as
-    :func:`sweep` takes them. InputError for an empty list, for a medium that is given twice, or for
-    one that the ``packing`` cannot have.
+    :func:`sweep` takes them; the ``lattice`` is that on which options are read. InputError for an
+    empty list, for what is no medium, for one that is given twice, or for one that the ``packing``
+    cannot have.
     """
     descriptions = media if isinstance(media, list | tuple) else [media]
     choices = [MediumChoice.parse(description, lattice) for description in descriptions]
@@ -276,8 +283,9 @@ def _read_media(media: Any, lattice: Lattice, packing: Packing | Arrangement) ->
 
 
 def _read_directions(direction: ArrayLike, lattice: Lattice) -> tuple[Any, ...]:
-    """Return the Cartesian components of the direction of sound (p,) as a tuple; of many directions
-    (n, p) a tuple of such tuples. InputError for a direction that is given twice.
+    """Return the Cartesian components of the ``direction`` of sound (p,) as a tuple; of many
+    directions (n, p) a tuple of such tuples. ``lattice`` has p periods. InputError for a direction
+    of another shape, zero or not finite, and for one that is given twice.
 
     The components are those that were given, without a change to unit length: they name the
     direction.
@@ -306,8 +314,9 @@ def _read_waves(
     waves are requested.
 
     ``dos``, ``spectrum`` and ``pulse`` are those of :func:`sweep`, and ``networks`` holds its
-    ``response``, ``motion`` and ``modes`` by name, None where they are not given. InputError for a
-    pulse along several ``directions``.
+    ``response``, ``motion`` and ``modes`` by name, None where they are not given. The ``lattice``
+    gives the default path of spectra. InputError for values that these arguments cannot have, and
+    for a pulse along several ``directions``.
     """
     has_dos = require("dos", truth, dos)
     spectrum_settings, corners, names = _read_spectrum(spectrum, lattice)
@@ -359,8 +368,9 @@ def _read_spectrum(
     spectrum: SpectrumSettings | Mapping[str, Any] | None, lattice: Lattice
 ) -> tuple[SpectrumSettings | None, tuple[Any, ...], tuple[str, ...]]:
     """Return the settings of spectral functions, the pieces of their path as
-    :class:`~granphon.phonons.paths.BandPath` has them, and the names of the corners; without
-    ``spectrum`` None and empty tuples.
+    :class:`~granphon.phonons.paths.BandPath` has them, by default those of the ``lattice``, and the
+    names of the corners; without ``spectrum`` None and empty tuples. InputError for what is neither
+    settings nor a mapping of their keys.
     """
     if spectrum is None:
         return None, (), ()
