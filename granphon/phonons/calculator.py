@@ -665,6 +665,7 @@ class HertzMindlin(ContactCalculator):
 
         super().calculate(atoms, properties, system_changes)
         balls: Atoms = self.atoms
+        require_instance("atoms", balls, Atoms, "Give an ase.Atoms")
         volume = self._find_volume(balls)
         if volume == 0.0 and "stress" in properties:
             vectors = ("a vector along x", "two vectors in the plane", "three vectors")

@@ -1008,13 +1008,14 @@ class Phonons:
         along = one_direction(axis, self._periods)
         frequencies, curvatures = self.lattice.find_onset(along)
         scales = self.scales
-        lowest_gap = self._find_gap_edges(None, only_from_zero=True).frequencies
-        begins_at_zero = len(lowest_gap) > 0 and lowest_gap[0, 0] == 0.0
+        # branches that vanish everywhere have a gap above them that begins at zero too
+        lowest_gaps = self._find_gap_edges(None, only_from_zero=True)
+        has_gap = len(lowest_gaps.branches_below) > 0 and lowest_gaps.branches_below[0] == 0
         return Onset(
             frequencies * scales.frequency,
             curvatures * scales.velocity * scales.length,
             along,
-            float(lowest_gap[0, 1]) * scales.frequency if begins_at_zero else 0.0,
+            float(lowest_gaps.frequencies[0, 1]) * scales.frequency if has_gap else 0.0,
         )
 
     def find_gaps(self, mesh: Sequence[int] | None = None) -> tuple[Index, Array]:
