@@ -260,12 +260,12 @@ class Bands(Result):
 
         Where branches coincide, the fractions are those of the combinations of their modes that are
         most at one edge. Raises :class:`~granphon.base.errors.InputError` for a lattice that is not
-        a cut, whose balls are all at one height, and without eigenvectors.
+        a cut: it repeats in space, or its balls are all at one height; and without eigenvectors.
         """
-        axis_across = min(sum(self.pbc), 2)  # the periods of a cut are along the first axes
-        heights = (self.positions @ self.cell)[:, axis_across]
-        has_edges = np.ptp(heights) > _LEAST_HEIGHT * float(np.abs(self.cell).max())
-        if not has_edges:
+        n_periods = sum(self.pbc)  # those of a cut are along the first axes
+        heights = (self.positions @ self.cell)[:, min(n_periods, 2)]
+        has_heights = np.ptp(heights) > _LEAST_HEIGHT * float(np.abs(self.cell).max())
+        if n_periods == 3 or not has_heights:
             raise InputError(
                 "the lattice has no edges", mend="Take bands of network.cut(axis, layers)"
             )
