@@ -18,7 +18,7 @@ from granphon.balls.layers import find_outer
 from granphon.balls.motions import IN_PLANE, Motions
 from granphon.base.arrays import Array, Complex, Index
 from granphon.base.errors import InputError
-from granphon.base.results import Result, held, result_class
+from granphon.base.results import Result, held, read_only, result_class
 from granphon.base.scales import HertzPrefix, Units, read_header
 from granphon.base.staging import write_text
 from granphon.base.standard_errors import read_errors
@@ -193,7 +193,7 @@ class Bands(Result):
     @cached_property
     def motion(self) -> NDArray[Any]:
         """Eigenvectors with an axis for balls and one for the motions of a ball, (s, p, n_balls,
-        motions, b).
+        motions, b); read-only, as all arrays that bands keep.
 
         Raises :class:`~granphon.base.errors.InputError` if there are no eigenvectors.
         """
@@ -280,7 +280,7 @@ class Bands(Result):
                 if len(branches) > 1:
                     motion = self.motion[s, p][..., branches]
                     weights[s, p, branches] = _separate_edges(motion, masks)
-        return np.asarray(np.clip(weights, 0.0, 1.0))
+        return read_only(np.clip(weights, 0.0, 1.0))
 
     @cached_property
     def connection(self) -> NDArray[np.intp]:
@@ -292,7 +292,7 @@ class Bands(Result):
         """
         # `motion` is these eigenvectors, and says how to ask for them where there are none
         segments = self.motion.reshape(*self.motion.shape[:2], -1, self.n_branches)
-        return np.array([connect_branches(motions) for motions in segments])
+        return read_only([connect_branches(motions) for motions in segments])
 
     @property
     def connected_frequencies(self) -> Array:

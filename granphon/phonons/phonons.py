@@ -784,9 +784,9 @@ class Phonons:
             more than 1e12 from layer to layer; some motions are passed on to the next layers across
             the axis and no further; or ``q`` is more than 1e15 reciprocal vectors.
         InputError : the Atoms are another cell than that of the state; the ``axis`` has no period
-            or no contacts across it; a number is not allowed, or of another shape; the waves do not
-            fit into memory; or under prestress there are static tangential forces or torques, or
-            slip by levers that exceed the arms.
+            or no contacts across it; the motions deform no contact; a number is not allowed, or of
+            another shape; the waves do not fit into memory; or under prestress there are static
+            tangential forces or torques, or slip by levers that exceed the arms.
         """
         network = given_network(self.state)
         self._require_state_cell(with_stiffness=True)

@@ -21,7 +21,7 @@ from granphon.balls.layers import read_edge
 from granphon.base.arrays import Array, Index
 from granphon.base.errors import GranphonError, InputError, InstabilityError
 from granphon.base.memory import require_memory
-from granphon.base.results import Result, held, result_class
+from granphon.base.results import Result, held, read_only, result_class
 from granphon.base.staging import write_text
 from granphon.base.standard_errors import read_errors
 from granphon.base.tables import Heading, table_text
@@ -222,9 +222,9 @@ class Surface:
     Raises
     ------
     InputError : something without a network; another ``edge``; an ``axis`` that
-        :meth:`ContactNetwork.cut` refuses; layers that no contact joins, or too large for the
-        memory; and under prestress, static tangential forces or torques, and slip by levers that
-        exceed the arms.
+        :meth:`ContactNetwork.cut` refuses; motions that deform no contact; layers that no contact
+        joins, or too large for the memory; and under prestress, static tangential forces or
+        torques, and slip by levers that exceed the arms.
     """
 
     def __init__(self, x: Any, axis: Any, edge: str | Wall = "free") -> None:
@@ -246,8 +246,8 @@ class Surface:
 
     @cached_property
     def cell(self) -> Array:
-        """(p - 1, d) periods of a layer, m."""
-        return self.half_space.layers.cell
+        """(p - 1, d) periods of a layer, m; read-only."""
+        return read_only(self.half_space.layers.cell)
 
     @property
     def outer(self) -> ContactNetwork:

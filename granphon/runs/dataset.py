@@ -203,8 +203,9 @@ class SweepRun:
         """Do all tasks, and return their results in the order of the cases and of the tasks of
         each case.
 
-        A ``store`` is claimed for this sweep, and keeps the results. The one task of a state that
-        is already known is done here, without ``executor``, and its result is not kept.
+        The arguments are those of :func:`~granphon.runs.execution.solve_all`. A ``store`` is
+        claimed for this sweep, and keeps the results. The one task of a state that is already known
+        is done here, without ``executor``, and its result is not kept.
         """
         tasks = [task for case in self.grid.cases for task in case.tasks]
         is_known = tasks[0].known_state is not None

@@ -133,40 +133,38 @@ def sweep(
         {"wall.young_modulus": [...]}, and of springs to the ground, ``on_site`` of all
         displacements, N/m, {"on_site.rotation": [...]}, N m, and the like; a wall in a cut of the
         response, motion or modes has the name of the block before it,
-        {"response.wall.young_modulus": [...]}. The losses ``damping``,
-        s, ``loss_factor``, ``drag``, 1/s, ``dashpot``, N s/m, and ``restitution`` stand for those
-        of the response, motion and pulse, which then do not give them; ``tangential_damping``,
+        {"response.wall.young_modulus": [...]}. The losses ``damping``, s, ``loss_factor``,
+        ``drag``, 1/s, ``dashpot``, N s/m, and ``restitution`` stand for those of the response,
+        motion and pulse, which then do not give them; ``tangential_damping``,
         ``tangential_loss_factor``, ``rotational_drag`` and ``tangential_dashpot`` are the second of
-        a pair. A ``width`` (W, m) scales
-        the spread and keeps its shape, which is uniform if the packing has no spread; a
-        ``diameter`` leaves the spread as it is. Lattices must have the same number of periods.
+        a pair. A ``width`` (W, m) scales the spread and keeps its shape, which is uniform if the
+        packing has no spread; a ``diameter`` leaves the spread as it is. Lattices must have the
+        same number of periods.
 
-    Returns
-    -------
-    Dataset of dimensions load, medium, then the parameters in the order given, with ``units`` and
-    ``long_name`` of each variable: the state's attributes, ``valid``, ``regime``, ``longitudinal``
-    and ``transverse`` (m/s, along the direction; in space and on a chain that moves across itself
-    ``transverse_slow`` and ``transverse_fast``), ``bulk`` and ``shear`` (Pa; N on a line; the
-    ``tensor`` in Voigt order if a lattice is not isotropic), ``exponent`` and its standard error
-    over samples ``exponent_error``, zero for media that sample nothing and nan for one sample; if a
-    simulation has several samples, ``longitudinal_error``, ``transverse_error``, ``bulk_error``,
-    ``shear_error``, ``tensor_error``, zero for other media and nan for one sample; of square and
-    cubic lattices the ``anisotropy``; if all media are simulations, ``contact_force_fluctuation``,
-    and if all of them are loaded with friction, ``sliding_fraction``, ``tangential_ratio``,
-    ``work`` and ``dissipated_energy``; if one is "auto", the ``choice`` at each load, and its
-    ``expected_error`` (+inf where it is not known); velocities and moduli that balls with some of
-    the swept motions do not have are nan there, and the warnings say which; with bands
-    ``frequencies`` (..., segment, point, branch) in Hz; with gaps ``gap_lower`` and ``gap_upper``
-    (..., gap) in Hz by the number of branches below, nan where there is no gap, and
-    ``top_frequency``; with cutoffs ``cutoff_lower`` and ``cutoff_upper`` (..., branch) in Hz; with
-    onsets ``onset_frequency``, Hz, and ``onset_curvature``, m^2/s, (..., branch), and
-    ``onset_gap``, Hz; of waves in simulated arrays means over samples with standard errors:
-    ``dos_total`` (..., node) over ``dos_frequency``, ``line_frequency``, ``line_width``,
+    Returns ------- Dataset of dimensions load, medium, then the parameters in the order given, with
+    ``units`` and ``long_name`` of each variable: the state's attributes, ``valid``, ``regime``,
+    ``longitudinal`` and ``transverse`` (m/s, along the direction; in space and on a chain that
+    moves across itself ``transverse_slow`` and ``transverse_fast``, of a plane that moves out of
+    itself ``out_of_plane``, of a chain that turns about itself ``twist``), ``bulk`` and ``shear``
+    (Pa; N on a line; the ``tensor`` in Voigt order if a lattice is not isotropic), ``exponent`` and
+    its standard error over samples ``exponent_error``, zero for media that sample nothing and nan
+    for one sample; if a simulation has several samples, ``longitudinal_error``,
+    ``transverse_error``, ``bulk_error``, ``shear_error``, ``tensor_error``, zero for other media
+    and nan for one sample; of square and cubic lattices the ``anisotropy``; if all media are
+    simulations, ``contact_force_fluctuation``, and if all of them are loaded with friction,
+    ``sliding_fraction``, ``tangential_ratio``, ``work`` and ``dissipated_energy``; if one is
+    "auto", the ``choice`` at each load, and its ``expected_error`` (+inf where it is not known);
+    velocities and moduli that balls with some of the swept motions do not have are nan there, and
+    the warnings say which; with bands ``frequencies`` (..., segment, point, branch) in Hz; with
+    gaps ``gap_lower`` and ``gap_upper`` (..., gap) in Hz by the number of branches below, nan where
+    there is no gap, and ``top_frequency``; with cutoffs ``cutoff_lower`` and ``cutoff_upper`` (...,
+    branch) in Hz; with onsets ``onset_frequency``, Hz, and ``onset_curvature``, m^2/s, (...,
+    branch), and ``onset_gap``, Hz; of waves in simulated arrays means over samples with standard
+    errors: ``dos_total`` (..., node) over ``dos_frequency``, ``line_frequency``, ``line_width``,
     ``phase_velocity``, ``mean_free_path`` and ``attenuation`` (..., polarisation, wavevector),
     ``ioffe_regel_longitudinal`` and the like, ``pulse_velocity``, ``time_of_flight``,
-    ``coherent_fraction``, nan where a warning says why. Loads are a coordinate
-    under their own name. ``attrs`` holds versions, packing, media and the warnings of validity, as
-    JSON.
+    ``coherent_fraction``, nan where a warning says why. Loads are a coordinate under their own
+    name. ``attrs`` holds versions, packing, media and the warnings of validity, as JSON.
 
     Raises
     ------

@@ -499,11 +499,12 @@ def _average_responses(
     the mean of the complex amplitudes over the samples of the ``records``.
 
     The observables are the absolute value and the phase, rad, of the response, both (n_f,
-    receivers), and for several samples the standard error of the response. If there are peaks, the
-    observables are also the frequency, the height and Q of the peaks of each receiver, (receivers,
-    n); and, if the heights of all peaks of the first receiver are known, the same of the highest of
-    these. The peaks of a single record were solved for between the frequencies of the settings;
-    peaks of a mean are sought among these frequencies.
+    receivers), the phase without jumps of a whole turn along the frequencies, and for several
+    samples the standard error of the response. If there are peaks, the observables are also the
+    frequency, the height and Q of the peaks of each receiver, (receivers, n); and, if the heights
+    of all peaks of the first receiver are known, the same of the highest of these. The peaks of a
+    single record were solved for between the frequencies of the settings; peaks of a mean are
+    sought among these frequencies.
 
     The notes are the warnings of the records, and one that counts the peaks that are narrower than
     the step of the frequencies, whose heights are not known.
