@@ -141,17 +141,19 @@ def sweep(
         packing has no spread; a ``diameter`` leaves the spread as it is. Lattices must have the
         same number of periods.
 
-    Returns ------- Dataset of dimensions load, medium, then the parameters in the order given, with
-    ``units`` and ``long_name`` of each variable: the state's attributes, ``valid``, ``regime``,
-    ``longitudinal`` and ``transverse`` (m/s, along the direction; in space and on a chain that
-    moves across itself ``transverse_slow`` and ``transverse_fast``, of a plane that moves out of
-    itself ``out_of_plane``, of a chain that turns about itself ``twist``), ``bulk`` and ``shear``
-    (Pa; N on a line; the ``tensor`` in Voigt order if a lattice is not isotropic), ``exponent`` and
-    its standard error over samples ``exponent_error``, zero for media that sample nothing and nan
-    for one sample; if a simulation has several samples, ``longitudinal_error``,
-    ``transverse_error``, ``bulk_error``, ``shear_error``, ``tensor_error``, zero for other media
-    and nan for one sample; of square and cubic lattices the ``anisotropy``; if all media are
-    simulations, ``contact_force_fluctuation``, and if all of them are loaded with friction,
+    Returns
+    -------
+    Dataset of dimensions load, medium, then the parameters in the order given, with ``units`` and
+    ``long_name`` of each variable: the state's attributes, ``valid``, ``regime``, ``longitudinal``
+    and ``transverse`` (m/s, along the direction; in space and on a chain that moves across itself
+    ``transverse_slow`` and ``transverse_fast``, of a plane that moves out of itself
+    ``out_of_plane``, of a chain that turns about itself ``twist``), ``bulk`` and ``shear`` (Pa; N
+    on a line; the ``tensor`` in Voigt order if a lattice is not isotropic), ``exponent`` and its
+    standard error over samples ``exponent_error``, zero for media that sample nothing and nan for
+    one sample; if a simulation has several samples, ``longitudinal_error``, ``transverse_error``,
+    ``bulk_error``, ``shear_error``, ``tensor_error``, zero for other media and nan for one sample;
+    of square and cubic lattices the ``anisotropy``; if all media are simulations,
+    ``contact_force_fluctuation``, and if all of them are loaded with friction,
     ``sliding_fraction``, ``tangential_ratio``, ``work`` and ``dissipated_energy``; if one is
     "auto", the ``choice`` at each load, and its ``expected_error`` (+inf where it is not known);
     velocities and moduli that balls with some of the swept motions do not have are nan there, and

@@ -299,9 +299,9 @@ def test_bands_of_a_cut_say_how_much_is_at_each_edge():
     assert_allclose(np.sort(lowest, axis=0)[0], 0.0, atol=1e-6)
     # eight of sixteen layers
     assert_allclose(bands.edge_weight.sum(axis=(2, 3)), 2 * 4 * 3, rtol=1e-9)
-    for bulk in (network, balls("hcp")):  # of hcp a cell has balls at two heights
+    for crystal in (network, balls("hcp")):  # of hcp a cell has balls at two heights
         with pytest.raises(InputError, match="no edges"):
-            gp.Phonons(bulk).bands(npoints=2).edge_weight  # noqa: B018
+            gp.Phonons(crystal).bands(npoints=2).edge_weight  # noqa: B018
 
 
 def test_motions_that_cost_nothing_are_counted():
