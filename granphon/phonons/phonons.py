@@ -1190,7 +1190,8 @@ class Phonons:
         A file that granphon wrote is replaced; if another file is there, such as one that phonopy
         wrote, :class:`~granphon.base.errors.FileExistsInRunError` is raised. Raises
         :class:`~granphon.base.errors.InputError` for what is no path,
-        :class:`~granphon.base.errors.OutputError` if the file system refuses the file, and
+        :class:`~granphon.base.errors.OutputError` if the file system refuses the file,
+        :class:`~granphon.base.errors.InstabilityError` if a squared frequency is negative, and
         :class:`~granphon.base.errors.MissingPackageError` if phonopy is not installed.
         """
         bridge = self.phonopy  # raises first if phonopy is not installed: the import below is safe

@@ -210,8 +210,9 @@ def read_motions(header: Mapping[str, Any], components: int | None = None) -> tu
     that :func:`make_header` wrote.
 
     ``components`` is the number of motions of a ball in the rest of the file, if it is known.
-    Raises :class:`~granphon.base.errors.InputError` for motions that do not exist, and for another
-    number of motions than ``components``.
+    Raises :class:`~granphon.base.errors.InputError` for a number of periods other than 1, 2 and 3,
+    for motions that do not exist, for coordinates that are not those of the motions, and for
+    another number of motions than ``components``.
     """
     periods = header["periods"]
     rotate = header["rotations"]

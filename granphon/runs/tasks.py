@@ -231,7 +231,7 @@ class Case:
     """One medium on one packing, at all values of an applied load, and the request of its states.
 
     ``values`` holds the names of the swept parameters of the packing and their values as texts;
-    empty if none is swept.
+    empty if none is swept. ``written`` says how a user wrote the load and the values.
     """
 
     values: tuple[tuple[str, str], ...]
@@ -401,7 +401,7 @@ class Case:
 @dataclass(frozen=True, eq=False)
 class Grid:
     """Every medium at every combination of the values of the ``axes`` of a packing, under an
-    applied load.
+    applied load, with the ``request`` of the states; ``written`` says how a user wrote the values.
     """
 
     packing: Balls
