@@ -1180,8 +1180,8 @@ class _Comparison:
         return np.asarray(root @ root.T)
 
     def find_phases(self, scaled: Array) -> Array:
-        """Return the phases (n,) of the model, rad, at ``scaled`` parameters (p,): no more than half
-        a turn from the measured phases, if these are known, else from -pi to pi.
+        """Return the phases (n,) of the model, rad, at ``scaled`` parameters (p,): no more than
+        half a turn from the measured phases, if these are known, else from -pi to pi.
         """
         response = self.respond(scaled)
         if self.measured.phase is None:

@@ -288,10 +288,11 @@ class Surface:
         segment.
 
         The path is that of the bands of a cut. Returned are wave vectors (n_q, 3) in fractions of
-        the reciprocal cell, each corner once; distances (n_q,) along the path over 2 pi, 1/d; the
-        distances (c,) and the names of the corners. At the end of a chain there is one wave vector,
-        and no corner. Raises :class:`~granphon.base.errors.InputError` for ``npoints`` that is no
-        whole number from 2 on, or that does not fit into memory, except at the end of a chain.
+        the reciprocal cell, with a corner where two segments join once; distances (n_q,) along the
+        path over 2 pi, 1/d; the distances (c,) and the names of the corners, "K|M" where the path
+        jumps from K to M. At the end of a chain there is one wave vector, and no corner. Raises
+        :class:`~granphon.base.errors.InputError` for ``npoints`` that is no whole number from 2 on,
+        or that does not fit into memory, except at the end of a chain.
         """
         p = len(self.cell)
         if not p:

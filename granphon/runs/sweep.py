@@ -110,8 +110,9 @@ def sweep(
         ``dos`` says whether to find the density of states of the array. ``spectrum`` is a mapping
         for spectral functions, with the keys ``polarisation``, ``resolution`` (Hz), ``points`` of a
         leg and ``path``, such as "GM", by default that of the lattice. ``pulse`` is a mapping for a
-        pulse along the direction, with the keys ``frequency`` (Hz), ``distance`` (m), ``cycles``,
-        ``polarisation``, ``source``, ``ends``, ``damping`` (s).
+        pulse along the direction, with the keys of :class:`~granphon.PulseSettings`, ``frequency``
+        (Hz), ``distance`` (m), ``cycles``, ``polarisation``, ``source``, ``ends``, and the losses
+        ``damping`` (s), ``drag`` (1/s), ``dashpot`` (N s/m) and ``restitution``.
     response, motion, modes : what to find of the network of each state, with the keys that
         :class:`~granphon.ResponseSettings`, :class:`~granphon.MotionSettings` and
         :class:`~granphon.ModesSettings` have, in SI units.
