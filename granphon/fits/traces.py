@@ -185,10 +185,10 @@ class Traces(Result, array="signals"):
         Parameters
         ----------
         paths : tables with a column ``time (us)`` and one for each sensor, headed with its distance
-            such as ``bead 5 at 40 mm (V)`` or ``40 mm``; or HDF5 files (.h5, .hdf5) with the data
-            sets ``time`` (n,), ``signals`` (sensors, n) and ``distance`` (sensors,), of which time
-            and distance have an attribute ``units``. A table may have no column of times, but a
-            line ``# time step: 0.1 us`` or ``Sample Interval,1e-7,s`` above its headings; an HDF5
+            such as ``bead 5 at 40 mm (V)`` or ``40 mm``; or HDF5 files (.h5, .hdf5, .hdf) with the
+            data sets ``time`` (n,), ``signals`` (sensors, n) and ``distance`` (sensors,), of which
+            time and distance have an attribute ``units``. A table may have no column of times, but
+            a line ``# time step: 0.1 us`` or ``Sample Interval,1e-7,s`` above its headings; an HDF5
             file an attribute ``time_step``, s.
         distances : of the sensors, m, in the order of the columns or by their names, in place of
             those in the headings.

@@ -39,6 +39,7 @@ from granphon.dynamics.damping import (
 from granphon.fits.fit import LARGE_ERROR, SAME_EFFECT, Fitted, WidthFit, judge_residuals
 from granphon.fits.measurements import read_headings
 from granphon.fits.pressed import PressedCrystal
+from granphon.fits.trace_files import SAME_TIME
 from granphon.fits.traces import Traces
 from granphon.fits.velocity_model import require_fitted
 from granphon.networks.network import ContactNetwork, given_network
@@ -168,7 +169,7 @@ class TransferFunction(Result):
         path : a file with the columns frequency and magnitude (or H) and, where known, phase (rad
             or deg), sigma and phase_sigma; or with real and imag in place of magnitude and phase. A
             magnitude may be in dB; sigma in the unit of the magnitude, in dB, or in % of it. A
-            magnitude in V/V, V, V/N or, of a force, N is that of sensors that are not
+            magnitude in V/V, V, mV, V/N, mV/N or, of a force, N is that of sensors that are not
             ``calibrated``.
         columns : headings of columns that go by other names, perhaps with a unit: {"magnitude": "H1
             (um/N)"}.
@@ -363,7 +364,7 @@ def _require_pair(drive: Traces, response: Traces) -> float:
                 mend="Give one of them: gp.Traces(times, signals[0], distances[0])",
             )
     has_same_times = drive.times.shape == response.times.shape and np.allclose(
-        drive.times, response.times, rtol=0.0, atol=0.01 * drive.time_step
+        drive.times, response.times, rtol=0.0, atol=SAME_TIME * drive.time_step
     )
     if not has_same_times:
         raise InputError(
@@ -795,6 +796,7 @@ def find_secant(
         if logarithm > math.log(_LARGEST_LOSS):
             raise InputError(f"the data say nothing of {name}", mend="Measure nearer to resonances")
     if logarithm > math.log(_LEAST_LOSS):
+        # three digits of the step do for a standard error
         logarithm = brentq(rise, logarithm - math.log(2.0), logarithm, xtol=1e-3)
     step = math.exp(logarithm)
     return change(step) / step

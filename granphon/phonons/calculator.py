@@ -87,6 +87,9 @@ _TURN_PER_OVERLAP = 1e-2
 #: greatest rotation of the whole lattice that is accepted when force constants are found, as added
 #: overlap over the spacing. More is allowed, because positions then only tell which balls touch
 _TURN_PER_SPACING = 1e-4
+#: eigenvalue of the sum of the projections across contacts, over the largest, up to which the
+#: contacts show no rotation about its axis
+_NO_ROTATION = 1e-9
 #: distance, in diameters, by which a list of pairs reaches beyond the cutoff. A list serves until a
 #: ball has moved by half of this distance. On the triangular lattice a list reaches 1.55, and so no
 #: second neighbours, which are at 1.73
@@ -1225,7 +1228,7 @@ def _find_turn(normal: Array, vector: Array, distance: Array, is_touching: Flags
     # line, so the inverse is a pseudoinverse
     total = np.sum(np.cross(normal, vector) / distance[:, None], axis=0)
     projection = len(normal) * np.eye(3) - normal.T @ normal
-    turn = np.linalg.pinv(projection, rcond=1e-9, hermitian=True) @ total
+    turn = np.linalg.pinv(projection, rcond=_NO_ROTATION, hermitian=True) @ total
     return float(np.linalg.norm(turn))
 
 

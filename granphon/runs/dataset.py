@@ -498,7 +498,7 @@ def tabulate(
 
 def find_dataset(result: Any) -> Dataset | None:
     """Return the data set of states that a ``result`` is, or has as its attribute ``dataset``; None
-    for a result without such a data set, which has a variable ``valid``. Raises InputError if a
+    for a result without one. A data set of states has a variable ``valid``. Raises InputError if a
     variable is not in SI units.
     """
     dataset: Dataset = getattr(result, "dataset", result)

@@ -135,5 +135,5 @@ def make_crystal(dimension: int, cells: tuple[int, ...], friction: bool) -> Crys
     ``dimension`` dimensions, with or without ``friction``; it has ``cells`` (``dimension``,) along
     its periods.
     """
-    ball = Ball(Material(1e9, 0.3, 1e3), 1e-2)
+    ball = Ball(Material(1e9, 0.3, 1e3), 1e-2)  # any ball: times do not depend on its numbers
     return Crystal.on(_LATTICES[dimension], [ball], friction=friction).repeat(cells)
