@@ -317,11 +317,11 @@ def _choose_segment(n: int, step: float, segment: float | None) -> int:
     of a record of ``n`` samples, ``step`` s apart; InputError if the segment is too short, or if
     two segments that overlap by half do not fit into the record.
     """
-    length = n // 8 * step if segment is None else positive("segment", segment, "s")
-    n_segment = n // 8 if segment is None else round(min(length / step, 2.0 * n))
+    samples = n // 8 if segment is None else positive("segment", segment, "s") / step
+    n_segment = round(min(samples, 2 * n))  # any length beyond the record is refused
     if n_segment < _LEAST_SEGMENT or 3 * n_segment > 2 * n:
         raise InputError(
-            f"a segment of {length:.4g} s, in a record of {n} samples {step:.4g} s apart",
+            f"a segment of {samples:.6g} samples, in a record of {n}",
             f"It needs {_LEAST_SEGMENT} samples or more, and two must fit in",
             "Give another segment, or record for longer",
         )
@@ -342,7 +342,8 @@ def _count_independent(n: int, n_segment: int) -> float:
 
 def _find_coherence_of_noise(chance: float, n_independent: float) -> float:
     """Return the coherence that noise alone exceeds with the probability ``chance``, in a mean over
-    ``n_independent`` segments: 1 - chance^(1/(n - 1)). Fewer than two segments count as two.
+    n = ``n_independent`` segments: 1 - chance^(1/(n - 1)) (G. C. Carter, C. H. Knapp and A. H.
+    Nuttall, IEEE Trans. Audio Electroacoust. 21, 337, 1973). Fewer than two segments count as two.
     """
     exponent = 1.0 / max(n_independent - 1.0, 1.0)
     return float(1.0 - chance**exponent)

@@ -175,10 +175,10 @@ def sweep(
         twice, a value that makes no packing, bands over parameters that change the number of
         branches, finite overlap of "auto" or of a simulation in the directions of the lattice,
         lattices of different dimension, waves of media that are no simulations or that an array
-        does not have, a pulse in several directions, ``labels`` or ``npoints`` without bands, an
-        executor without ``submit``, a ``progress`` without ``step``, a ``store`` of another class,
-        a ``path`` that is no path or does not end in .nc, ``resume`` without a path, and a flag,
-        such as ``gaps`` or ``overwrite``, that is no truth value.
+        does not have, a pulse or onsets in several directions, ``labels`` or ``npoints`` without
+        bands, an executor without ``submit``, a ``progress`` without ``step``, a ``store`` of
+        another class, a ``path`` that is no path or does not end in .nc, ``resume`` without a path,
+        and a flag, such as ``gaps`` or ``overwrite``, that is no truth value.
     MechanismError : a lattice is a mechanism; raised before anything is computed. With bands, gaps,
         cutoffs or onsets, velocities and moduli are left out instead, with a warning.
     InstabilityError : with finite overlap, a lattice buckles.
