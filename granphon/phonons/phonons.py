@@ -55,7 +55,7 @@ from granphon.phonons.band_edges import BandEdges, EdgeSearch, ZoneSample
 from granphon.phonons.bands import Bands, ComplexBands, Onset, PhononModes
 from granphon.phonons.calculator import HertzMindlin, contact_blocks
 from granphon.phonons.calculator import atoms as lattice_atoms
-from granphon.phonons.dos import DensityOfStates
+from granphon.phonons.dos import METHODS, DensityOfStates
 from granphon.phonons.paths import (
     BAND_POINTS,
     LARGEST_COUNT,
@@ -841,7 +841,7 @@ class Phonons:
         frequency is negative.
         """
         numbers = self._read_mesh(mesh)
-        chosen_method = one_of("method", method, ("tetrahedron", "smearing"))
+        chosen_method = one_of("method", method, METHODS)
         if chosen_method == "tetrahedron" and sigma is not None:
             raise InputError("sigma is for the smearing method only", mend="Give method='smearing'")
         count = whole_number("points", points, 12, LARGEST_COUNT)

@@ -51,6 +51,23 @@ def test_density_survives_its_file(phonons, tmp_path, method):
     np.testing.assert_array_equal(own.column("frequency_Hz (Hz)", frequency), dos.frequencies)
 
 
+@pytest.mark.parametrize(
+    ("comments", "fault"),
+    [
+        ("# granphon density of states, schema 1, per ball\n", "first comments"),
+        (
+            "# granphon density of states, schema 1, per ball\n# method foo, mesh 4 4\n",
+            "the method is 'foo'",
+        ),
+    ],
+)
+def test_what_is_no_density_is_told(tmp_path, comments, fault):
+    heading = "frequency_Hz,total_per_Hz,translational_per_Hz,rotational_per_Hz\n"
+    (tmp_path / "dos.csv").write_text(f"{heading}{comments}1,2,1,1\n")
+    with pytest.raises(InputError, match=fault):
+        gp.DensityOfStates.read_csv(tmp_path / "dos.csv")
+
+
 # -- densities of states ---------------------------------------------------------------------------
 
 
