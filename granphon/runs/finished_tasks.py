@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 
 from granphon.base.errors import FileExistsInRunError, InputError, OutputError, brief
 from granphon.base.staging import has_locks
-from granphon.base.text import show
+from granphon.base.text import require_path, show
 
 #: the result of a task, or of its first steps; no array holds Python objects
 TaskResult = dict[str, NDArray[Any]]
@@ -112,7 +112,7 @@ def read_entries(path: str | os.PathLike[str]) -> Iterator[tuple[str, TaskResult
     and OutputError if the file cannot be read, is no store, or is damaged.
     """
     os.stat(path)  # raises FileNotFoundError, where a store would count as empty
-    store = Store(Path(path))
+    store = Store(path)
     try:
         for name in store.names:
             result = store.read(name)
@@ -138,11 +138,15 @@ class Store:
     work discard its results.
     """
 
-    def __init__(self, path: Path | None = None, force: bool = False) -> None:
-        """Set up a store, which opens no file yet."""
-        self.path = path
-        self.force = force
+    def __init__(self, path: str | os.PathLike[str] | None = None, force: bool = False) -> None:
+        """Set up a store, which opens no file yet; raises
+        :class:`~granphon.base.errors.InputError` for what is no path.
+        """
         self._base: sqlite3.Connection | None = None
+        if path is not None:
+            require_path(path)
+        self.path = None if path is None else Path(path)
+        self.force = force
         #: the identity that is to be written with the next result, as JSON
         self._pending: str | None = None
         #: device and inode of the folder that was claimed, and of the file that is open
