@@ -245,8 +245,8 @@ class Store:
         return entry
 
     def append(self, name: str, entry: bytes) -> None:
-        """Keep the ``entry`` that :func:`encode` has made of the result of the task ``name``; from
-        then on a kill of the process does not lose the result.
+        """Keep the ``entry`` that :func:`encode` has made of the result of the task ``name``, which
+        is not empty; from then on a kill of the process does not lose the result.
 
         Raises :class:`~granphon.base.errors.OutputError` if the file cannot be written, or has been
         removed or replaced: only the process that has locked its folder may write there.

@@ -111,7 +111,8 @@ INCOMPLETE = "incomplete"
 
 def to_json(data: Any) -> str:
     """Return ``data`` as a JSON text; equal data of the same types give the same text. An object of
-    a user is the name of its class and the attributes in its ``__dict__``.
+    a user is the name of its class and the attributes in its ``__dict__``, without which objects of
+    one class cannot be told apart.
     """
 
     def simplify(value: Any) -> Any:
