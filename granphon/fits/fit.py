@@ -100,8 +100,8 @@ _MEASURE = "Measure more precisely, over a wider range of force, or fit fewer pa
 
 
 def compute_probability(chi2: float, dof: int) -> float:
-    """Return the probability that errors of the given sigma make a sum of squares above ``chi2``;
-    nan if ``dof`` is 0.
+    """Return the probability that errors of the given sigma make a sum of squares above ``chi2``,
+    by the chi-squared distribution with ``dof`` degrees of freedom; nan if these are 0.
     """
     from scipy.special import chdtrc
 
@@ -109,9 +109,9 @@ def compute_probability(chi2: float, dof: int) -> float:
 
 
 def judge_residuals(chi2: float, dof: int, parameters: int) -> list[str]:
-    """Return a warning if ``chi2``, the sum of (residual/sigma)^2, is so large or so small that
-    errors of the given sigma hardly explain the value, or if there are no degrees of freedom,
-    ``dof``, by which to judge the fit; an empty list otherwise.
+    """Return a list with a warning if ``chi2``, the sum of (residual/sigma)^2, is so large or so
+    small that errors of the given sigma hardly explain the value, or if there are no degrees of
+    freedom, ``dof``, by which to judge the fit; an empty list otherwise.
 
     ``parameters`` is the number of fitted parameters.
     """
@@ -202,8 +202,9 @@ def find_warnings(
 
 
 def _judge_waves(problem: FitProblem) -> list[str]:
-    """Return a warning if the wave of a pulse, velocity over frequency, is longer than any array of
-    balls; no warning for long waves, which have no frequency.
+    """Return a list with a warning if the wave of a pulse of the ``problem``, velocity over
+    frequency, is longer than any array of balls, an empty one otherwise, and for long waves, which
+    have no frequency.
     """
     frequency = problem.model.waves.frequency
     if frequency is None:
@@ -220,8 +221,8 @@ def _judge_waves(problem: FitProblem) -> list[str]:
 
 
 def _judge_leverage(problem: FitProblem, leverages: Array) -> list[str]:
-    """Return a list with a warning if one datum decides the fit almost alone, an empty one
-    otherwise; ``leverages`` (n,) are those of the data.
+    """Return a list with a warning if one datum of the ``problem`` decides the fit almost alone, an
+    empty one otherwise; ``leverages`` (n,) are those of the data.
     """
     datum = int(np.argmax(leverages))
     if leverages[datum] <= _DECIDING_LEVERAGE:
@@ -233,9 +234,9 @@ def _judge_leverage(problem: FitProblem, leverages: Array) -> list[str]:
 
 
 def _judge_excess(problem: FitProblem, logs: Array, *, sigma_given: bool) -> list[str]:
-    """Return a warning if data are above the velocity of equal balls by more than their noise,
-    which no width explains; ``logs`` are the logarithms (p,) of the fitted parameters, and
-    ``sigma_given`` says whether the sigma of the ``problem`` was given.
+    """Return a list with a warning if data are above the velocity of equal balls by more than their
+    noise, which no width explains, an empty one otherwise; ``logs`` are the logarithms (p,) of the
+    fitted parameters, and ``sigma_given`` says whether the sigma of the ``problem`` was given.
     """
     from scipy.special import ndtr, stdtr
 
@@ -292,9 +293,9 @@ def _find_noise(force: Array, velocity: Array) -> float:
 def _judge_farthest(
     problem: FitProblem, residuals: Array, leverages: Array, chi2: float, *, sigma_given: bool
 ) -> list[str]:
-    """Return a warning if one datum is off the fit of the others: by the given sigma where the
-    others agree with theirs, else by the scatter of the others. The problem has two degrees of
-    freedom or more.
+    """Return a list with a warning if one datum is off the fit of the others, an empty one
+    otherwise: by the given sigma where the others agree with theirs, else by the scatter of the
+    others. The problem has two degrees of freedom or more.
 
     ``residuals`` (n,) are over sigma, ``chi2`` is the sum of their squares, and ``leverages`` (n,)
     say how far the fit follows each datum; ``sigma_given`` is that of :func:`find_warnings`.
@@ -466,8 +467,9 @@ def _find_best_of_samples(problem: FitProblem) -> tuple[FitProblem, Array]:
 
 
 def _try_widths(problem: FitProblem, index: int) -> tuple[list[Array], list[float]]:
-    """Return the logarithms (p,) of the parameters at each width that is tried, and the sum of
-    squares to which one linear step brings the other parameters; ``index`` is that of the width.
+    """Return the logarithms (p,) of the parameters of a ``problem`` at each width that is tried,
+    and the sum of squares to which one linear step brings the other parameters; ``index`` is that
+    of the width.
 
     Raises :class:`~granphon.base.errors.InputError` if velocities do not depend on the width, or
     the medium refuses the least width.
@@ -497,7 +499,7 @@ def _try_widths(problem: FitProblem, index: int) -> tuple[list[Array], list[floa
 
 
 def _explain_no_effect(model: VelocityModel) -> InputError:
-    """Return the error that says that velocities do not depend on the width."""
+    """Return the error that says that the velocities of a ``model`` do not depend on the width."""
     fault = (
         f"in the medium {model.choice.label!r} sound does not depend on the width of this spread"
     )
@@ -511,8 +513,8 @@ def _explain_no_effect(model: VelocityModel) -> InputError:
 
 
 def _descend(problem: FitProblem, start: Array) -> Array:
-    """Return the logarithms (p,) of the parameters at the minimum of the sum of squares that is
-    reached from ``start`` (p,).
+    """Return the logarithms (p,) of the parameters at the minimum of the sum of squares of a
+    ``problem`` that is reached from ``start`` (p,).
 
     A search that ends at the greatest number of evaluations is accepted: whether its end is a
     minimum is found where the standard errors are (:func:`_find_covariance`). InputError if the
@@ -926,13 +928,13 @@ class WidthFit(Fitted):
         array (...), in its shape; in another ``medium`` if one is named. Of equal balls every
         medium is the averaged lattice.
 
-        Raises :class:`~granphon.base.errors.InputError` if every measured pulse had a frequency of
-        its own, and for forces or a medium that do not fit the packing.
+        Raises :class:`~granphon.base.errors.InputError` if the measured pulses have one frequency
+        each, for forces or a medium that do not fit the packing, and for what is no medium.
         """
         if np.ndim(self.waves.frequency):
             mend = "Use .velocities, the velocities of the fit at the data"
             raise InputError("the measured pulses have many frequencies", mend=mend)
-        choice = MediumChoice.parse(medium or self.choice)
+        choice = self.choice if medium is None else MediumChoice.parse(medium)
         if not self.packing.width:
             choice = MediumChoice("ala")
         # samples in their exact geometry always have finite overlap, which is no request for other
@@ -1025,7 +1027,8 @@ def fit_width(
         velocities so far from those of equal balls that a unit is wrong; loads or a frequency that
         the medium cannot carry; the medium "auto"; a lattice without such waves, or without such a
         medium for balls that differ; samples of so few balls that the parameters of round after
-        round differ.
+        round differ; what is no packing, and names of parameters, a ``branch``, a ``medium``, a
+        ``direction`` or a ``finite_overlap`` that there is not.
     """
     data = Measurements(
         real_array("force", force, "N"), real_array("velocity", velocity, "m/s"), sigma, frequency
@@ -1179,7 +1182,8 @@ def convert_pressure(
     overlaps differ from the overlaps of samples by less than W/100.
 
     Raises :class:`~granphon.base.errors.InputError` if the diameter is among the parameters to be
-    ``fitted`` in the plane or in space, where the force depends on the diameter.
+    ``fitted`` in the plane or in space, where the force depends on the diameter; and for a medium
+    or a pressure that the packing cannot have.
     """
     if "diameter" in fitted and packing.structure.periods > 1:
         why = "The contact force under a pressure depends on the diameter"
@@ -1213,7 +1217,8 @@ def convert_cutoff(
     is the same in every medium but a simulation.
 
     Raises :class:`~granphon.base.errors.InputError` if the diameter is among the parameters to be
-    ``fitted``, to which the ratio is proportional, or if the lattice has no such branch.
+    ``fitted``, to which the ratio is proportional, if the lattice has no such branch, and for a
+    direction that is zero, not finite or of another shape.
     """
     if "diameter" in fitted:
         why = "The velocity at a cut-off frequency is proportional to the diameter"
@@ -1229,6 +1234,9 @@ def convert_cutoff(
 
 
 def _read_direction(packing: Packing, direction: ArrayLike | None) -> Array:
-    """Return the unit vector (p,) of the direction of sound, by default the lattice's last axis."""
+    """Return the unit vector (p,) of the ``direction`` of sound in a ``packing``, by default the
+    last axis of its lattice; InputError for a direction that is zero, not finite or of another
+    shape.
+    """
     periods = packing.structure.periods
     return one_direction(np.eye(periods)[-1] if direction is None else direction, periods)

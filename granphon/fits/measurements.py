@@ -196,7 +196,7 @@ class Measurements(Result):
         error = source.choose("sigma", "time_sigma", "cutoff_sigma")
         pulse = source.choose("frequency")
         if measured == "cutoff":
-            _require_long_waves(path, can_convert=carried is not None, has_pulses=pulse is not None)
+            _require_long_waves(path, can_convert=callable(carried), has_pulses=pulse is not None)
         required = [load, measured]
         if measured == "time" and distance is None:
             required.append("distance")
@@ -369,13 +369,13 @@ def _require_conversion(
 ) -> None:
     """Raise InputError if the table at ``path`` has a ``load`` of side forces or pressures, and
     ``force_of_side_force`` or ``force_of_pressure``, which converts these to contact forces, is
-    None.
+    no function.
     """
-    if load == "side_force" and force_of_side_force is None:
+    if load == "side_force" and not callable(force_of_side_force):
         why = "The contact forces depend on the number of balls on a side too"
         mend = "Give the scene's load as side_force and balls_per_side"
         raise InputError(f"{path} gives side forces", why, mend)
-    if load == "pressure" and force_of_pressure is None:
+    if load == "pressure" and not callable(force_of_pressure):
         why = "The contact forces depend on the packing too"
         mend = "Give pressed, a function that returns the contact forces"
         raise InputError(f"{path} gives pressures", why, mend)
@@ -396,8 +396,8 @@ def _require_long_waves(path: Any, *, can_convert: bool, has_pulses: bool) -> No
 
 
 def _require_no_second_distance(source: _SourceColumns, measured: str) -> None:
-    """Raise InputError if the table has a column that contradicts a distance given beside the
-    table: distances beside times, or the ``measured`` kind if that is not "time".
+    """Raise InputError if the table of the ``source`` has a column that contradicts a distance
+    given beside the table: distances beside times, or the ``measured`` kind if that is not "time".
     """
     has_times = measured == "time"
     column = source.choose("distance") if has_times else measured

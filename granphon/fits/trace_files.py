@@ -22,6 +22,8 @@ from granphon.base.validation import finite_array, positive
 #: times before a trigger, and distances on the other side of an origin, are below zero
 TIMES = replace(TIME, least="any")
 PLACES = replace(LENGTH, least="any")
+#: difference, over a step, up to which the times of two records are the same
+SAME_TIME = 0.01
 #: ends of the names of HDF5 files
 _HDF5 = (".h5", ".hdf5", ".hdf")
 #: a line that gives the time between two samples: "# time step: 0.1 us", "Sample Interval,1e-7,s"
@@ -107,7 +109,7 @@ def read_traces(
 
 
 def _read_file(path: str | os.PathLike[str]) -> _FileTraces:
-    """Return the traces of one file: HDF5 by the ending of its name, else a table."""
+    """Return the traces of the file ``path``: HDF5 by the ending of its name, else a table."""
     is_hdf5 = Path(path).suffix.lower() in _HDF5
     return _read_hdf5(path) if is_hdf5 else _read_table(path)
 
@@ -149,7 +151,7 @@ def _require_same_times(
         )
     step = (times[-1] - times[0]) / max(times.size - 1, 1)
     differences = np.abs(times - other_times)
-    if np.max(differences) > 0.01 * abs(step):
+    if np.max(differences) > SAME_TIME * abs(step):
         sample = int(np.argmax(differences))
         raise InputError(
             f"{first.name} and {file.name} have different times: sample {sample + 1} is at"

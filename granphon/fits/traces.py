@@ -185,10 +185,10 @@ class Traces(Result, array="signals"):
         Parameters
         ----------
         paths : tables with a column ``time (us)`` and one for each sensor, headed with its distance
-            such as ``bead 5 at 40 mm (V)`` or ``40 mm``; or HDF5 files (.h5, .hdf5) with the data
-            sets ``time`` (n,), ``signals`` (sensors, n) and ``distance`` (sensors,), of which time
-            and distance have an attribute ``units``. A table may have no column of times, but a
-            line ``# time step: 0.1 us`` or ``Sample Interval,1e-7,s`` above its headings; an HDF5
+            such as ``bead 5 at 40 mm (V)`` or ``40 mm``; or HDF5 files (.h5, .hdf5, .hdf) with the
+            data sets ``time`` (n,), ``signals`` (sensors, n) and ``distance`` (sensors,), of which
+            time and distance have an attribute ``units``. A table may have no column of times, but
+            a line ``# time step: 0.1 us`` or ``Sample Interval,1e-7,s`` above its headings; an HDF5
             file an attribute ``time_step``, s.
         distances : of the sensors, m, in the order of the columns or by their names, in place of
             those in the headings.
@@ -242,10 +242,13 @@ class Traces(Result, array="signals"):
             the time, from its start, at which its magnitude first has half of its maximum.
 
         Raises :class:`~granphon.base.errors.InputError` for less than two sensors, an unknown
-        method, an option of another method, a ``quiet`` outside of the record, a quiet part of less
+        method, an option of another method or out of its range, "phase" without a frequency, a
+        ``lowpass`` that is neither a number above zero nor "auto", is too high for the samples, or
+        has a period longer than the record, a ``quiet`` outside of the record, a quiet part of less
         than 16 samples, a pulse or threshold that is not above five standard deviations of the
-        noise, samples that are too far apart for the frequency, a frequency that the traces do not
-        have, and arrivals that are not later at farther sensors.
+        noise, a trace that has no maximum, still rises at its end or begins above the threshold,
+        traces that share no pulse, samples that are too far apart for the frequency, a frequency
+        that the traces do not have, and arrivals that are not later at farther sensors.
         """
         chosen_method = one_of("method", method, METHODS)
         if len(self.signals) < 2:
@@ -769,7 +772,8 @@ def _choose_filter(
     traces: Traces, signals: Array, noise: Array, lowpass: float | str | None
 ) -> _LowPass:
     """Return the low-pass filter for ``signals`` (m, n) with the standard deviations ``noise``
-    (m,); ``lowpass`` is that of :meth:`Traces.velocity`.
+    (m,); ``lowpass`` is that of :meth:`Traces.velocity`. InputError for a cut-off that is no number
+    above zero, is too high for the samples, or has a period longer than the record.
 
     A value of the spectrum of noise of the variance sigma^2 is above n sigma^2 x with the
     probability exp(-x): above 2 n sigma^2 ln n, noise has none of n values but once in n records.
@@ -778,13 +782,22 @@ def _choose_filter(
     highest_of_samples = 0.5 / step
     if lowpass is None:
         return _LowPass(math.inf, step)
-    if lowpass != "auto":
+    is_automatic = isinstance(lowpass, str) and lowpass == "auto"
+    if not is_automatic:
         cutoff = positive("lowpass", lowpass, "Hz")
         if cutoff >= highest_of_samples:
             raise InputError(
                 f"lowpass is {cutoff:.6g} Hz, and samples each {step:.4g} s hold frequencies below"
                 f" {highest_of_samples:.6g} Hz",
                 mend="Give a lower cut-off, or None for no filter",
+            )
+        duration = step * traces.times.size
+        if cutoff * duration < 1.0:
+            raise InputError(
+                f"lowpass is {cutoff:.6g} Hz, whose period is longer than the record of"
+                f" {duration:.4g} s",
+                "The filter would leave nothing of a pulse",
+                f"Give a cut-off above {1.0 / duration:.4g} Hz, or None for no filter",
             )
         return _LowPass(cutoff, step)
     n = signals.shape[1]

@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls import hertz
 from granphon.balls.packing import LOSS_PARAMETERS, LOSSES, SECOND_LOSSES
-from granphon.base.arrays import ROUNDING, Array
+from granphon.base.arrays import ROUNDING, Array, Flags
 from granphon.base.errors import GranphonError, InputError, brief
 from granphon.base.quantities import FREQUENCY, Quantity
 from granphon.base.results import Result, held, result_class
@@ -39,6 +39,7 @@ from granphon.dynamics.damping import (
 from granphon.fits.fit import LARGE_ERROR, SAME_EFFECT, Fitted, WidthFit, judge_residuals
 from granphon.fits.measurements import read_headings
 from granphon.fits.pressed import PressedCrystal
+from granphon.fits.trace_files import SAME_TIME
 from granphon.fits.traces import Traces
 from granphon.fits.velocity_model import require_fitted
 from granphon.networks.network import ContactNetwork, given_network
@@ -168,7 +169,7 @@ class TransferFunction(Result):
         path : a file with the columns frequency and magnitude (or H) and, where known, phase (rad
             or deg), sigma and phase_sigma; or with real and imag in place of magnitude and phase. A
             magnitude may be in dB; sigma in the unit of the magnitude, in dB, or in % of it. A
-            magnitude in V/V, V, V/N or, of a force, N is that of sensors that are not
+            magnitude in V/V, V, mV, V/N, mV/N or, of a force, N is that of sensors that are not
             ``calibrated``.
         columns : headings of columns that go by other names, perhaps with a unit: {"magnitude": "H1
             (um/N)"}.
@@ -250,30 +251,8 @@ class TransferFunction(Result):
         _, cross_spectrum = csd(force, motion, **options)
         _, coherences = coherence(force, motion, **options)
         n_independent = _count_independent(n, n_segment)
-        low, high = (0.0, math.inf) if band is None else _read_band(band)
-        # segments have lost their means, and with these the frequencies of one window about zero
-        is_whole = frequencies > 2.0 / (n_segment * step)
-        is_in_band = (frequencies >= low) & (frequencies <= high)
-        if not np.any(is_whole & is_in_band):
-            raise InputError(
-                f"the band, {low:g} to {high:g} Hz, holds no frequency",
-                f"Segments have frequencies from {frequencies[is_whole][0]:.6g} to"
-                f" {frequencies[-1]:.6g} Hz, {frequencies[1]:.6g} Hz apart",
-                "Give a wider band, or a longer segment",
-            )
-        is_coherent = coherences > _find_coherence_of_noise(_CHANCE_OF_NOISE, n_independent)
-        is_kept = is_coherent & is_whole & is_in_band
-        # Of many frequencies some exceed that limit by chance. At least one must exceed a higher
-        # limit, which noise exceeds at any of them with the probability of a hundredth.
-        least_coherence = _find_coherence_of_noise(
-            _CHANCE_OF_NOISE / frequencies.size, n_independent
-        )
-        if not np.any(coherences[is_kept] > least_coherence):
-            raise InputError(
-                "nothing connects drive and response: no coherence is above"
-                f" {least_coherence:.2g} in the band",
-                mend="Look at the band, drive harder, or record for longer",
-            )
+        edges = (0.0, math.inf) if band is None else _read_band(band)
+        is_kept = _choose_frequencies(frequencies, coherences, n_independent, edges)
         transfer = cross_spectrum[is_kept] / spectrum[is_kept]
         coherences = np.minimum(coherences[is_kept], 1.0 - ROUNDING)
         relative_error = np.sqrt((1.0 - coherences) / (2.0 * n_independent * coherences))
@@ -297,15 +276,52 @@ def _read_band(band: Any) -> tuple[float, float]:
     return edges[0], edges[1]
 
 
+def _choose_frequencies(
+    frequencies: Array, coherences: Array, n_independent: float, band: tuple[float, float]
+) -> Flags:
+    """Return which of the ``frequencies`` (n_f,) of segments, Hz, from zero on, are kept (n_f,):
+    those in the ``band``, (lowest, highest), Hz, at which noise alone would rarely have the
+    ``coherences`` (n_f,) in a mean over ``n_independent`` segments.
+
+    Raises InputError if there is no frequency in the band, or if the coherences in the band may all
+    be those of noise.
+    """
+    low, high = band
+    # segments have lost their means, and with these the frequencies of one window about zero: the
+    # distance of two frequencies is one over the length of a segment
+    is_whole = frequencies > 2.0 * frequencies[1]
+    is_in_band = (frequencies >= low) & (frequencies <= high)
+    if not np.any(is_whole & is_in_band):
+        raise InputError(
+            f"the band, {low:g} to {high:g} Hz, holds no frequency",
+            f"Segments have frequencies from {frequencies[is_whole][0]:.6g} to"
+            f" {frequencies[-1]:.6g} Hz, {frequencies[1]:.6g} Hz apart",
+            "Give a wider band, or a longer segment",
+        )
+    is_coherent = coherences > _find_coherence_of_noise(_CHANCE_OF_NOISE, n_independent)
+    is_kept = is_coherent & is_whole & is_in_band
+    # Of many frequencies some exceed that limit by chance. At least one must exceed a higher limit,
+    # which noise exceeds at any of them with the probability of a hundredth.
+    least_coherence = _find_coherence_of_noise(_CHANCE_OF_NOISE / frequencies.size, n_independent)
+    if not np.any(coherences[is_kept] > least_coherence):
+        raise InputError(
+            "nothing connects drive and response: no coherence is above"
+            f" {least_coherence:.2g} in the band",
+            mend="Look at the band, drive harder, or record for longer",
+        )
+    return np.asarray(is_kept)
+
+
 def _choose_segment(n: int, step: float, segment: float | None) -> int:
     """Return the number of samples of a segment of the length ``segment``, s, by default an eighth
     of a record of ``n`` samples, ``step`` s apart; InputError if the segment is too short, or if
     two segments that overlap by half do not fit into the record.
     """
-    n_segment = n // 8 if segment is None else round(positive("segment", segment, "s") / step)
+    samples = n // 8 if segment is None else positive("segment", segment, "s") / step
+    n_segment = round(min(samples, 2 * n))  # any length beyond the record is refused
     if n_segment < _LEAST_SEGMENT or 3 * n_segment > 2 * n:
         raise InputError(
-            f"a segment of {n_segment} samples, in a record of {n}",
+            f"a segment of {samples:.6g} samples, in a record of {n}",
             f"It needs {_LEAST_SEGMENT} samples or more, and two must fit in",
             "Give another segment, or record for longer",
         )
@@ -326,7 +342,8 @@ def _count_independent(n: int, n_segment: int) -> float:
 
 def _find_coherence_of_noise(chance: float, n_independent: float) -> float:
     """Return the coherence that noise alone exceeds with the probability ``chance``, in a mean over
-    ``n_independent`` segments.
+    n = ``n_independent`` segments: 1 - chance^(1/(n - 1)) (G. C. Carter, C. H. Knapp and A. H.
+    Nuttall, IEEE Trans. Audio Electroacoust. 21, 337, 1973). Fewer than two segments count as two.
     """
     exponent = 1.0 / max(n_independent - 1.0, 1.0)
     return float(1.0 - chance**exponent)
@@ -348,7 +365,7 @@ def _require_pair(drive: Traces, response: Traces) -> float:
                 mend="Give one of them: gp.Traces(times, signals[0], distances[0])",
             )
     has_same_times = drive.times.shape == response.times.shape and np.allclose(
-        drive.times, response.times, rtol=0.0, atol=0.01 * drive.time_step
+        drive.times, response.times, rtol=0.0, atol=SAME_TIME * drive.time_step
     )
     if not has_same_times:
         raise InputError(
@@ -406,8 +423,8 @@ class _SourceColumns:
 
     @property
     def is_complex(self) -> bool:
-        """Whether the table has real or imaginary parts, and no magnitudes; InputError unless it
-        then has both parts.
+        """Whether the table has real or imaginary parts, and no magnitudes; InputError if it has
+        only one of both parts.
         """
         if self.has("magnitude") or not (self.has("real") or self.has("imag")):
             return False
@@ -451,9 +468,14 @@ class _SourceColumns:
             raise InputError(f"{self.table.name}, {error}") from None
 
     def read_magnitude(self) -> Array:
-        """Return the magnitudes, (n,), in the unit of :meth:`measure`, also of a column in dB."""
+        """Return the magnitudes, (n,), in the unit of :meth:`measure`, also of a column in dB;
+        infinite or zero where decibels are beyond double precision.
+        """
         decibels = self.convert("magnitude", {"dB": 1.0})
-        return self.measure("magnitude") if decibels is None else 10.0 ** (decibels / 20.0)
+        if decibels is None:
+            return self.measure("magnitude")
+        with np.errstate(over="ignore", under="ignore"):  # the constructor refuses such magnitudes
+            return np.asarray(10.0 ** (decibels / 20.0))
 
     def read_complex(self) -> tuple[Array, Array]:
         """Return the magnitudes, (n,), in the unit of :meth:`measure`, and the phases, (n,), rad,
@@ -775,6 +797,7 @@ def find_secant(
         if logarithm > math.log(_LARGEST_LOSS):
             raise InputError(f"the data say nothing of {name}", mend="Measure nearer to resonances")
     if logarithm > math.log(_LEAST_LOSS):
+        # three digits of the step do for a standard error
         logarithm = brentq(rise, logarithm - math.log(2.0), logarithm, xtol=1e-3)
     step = math.exp(logarithm)
     return change(step) / step
@@ -830,9 +853,12 @@ def fit_damping(
     the scatter. A loss whose error exceeds its value has the error up to which the misfit rises by
     that of one standard deviation.
 
-    Raises :class:`~granphon.base.errors.InputError` for parameters that cannot be fitted or told
-    apart, too few data, losses of which the data say nothing, a receiver that no wave reaches, a
-    ``finite_overlap`` without a load, and what :meth:`granphon.Waves.response` refuses.
+    Raises :class:`~granphon.base.errors.InputError` for data that are no
+    :class:`TransferFunction`, or are of sensors that are not calibrated and no gain is fitted;
+    parameters that cannot be fitted or told apart, too few data, losses of which the data say
+    nothing, data far beyond the response, a receiver that no wave reaches, a load of what is no
+    crystal, a crystal without a load, a ``finite_overlap`` without a load, and what
+    :meth:`granphon.Waves.response` refuses.
     """
     names = texts("parameters", parameters)
     pressed = x if isinstance(x, PressedCrystal) else None
@@ -1157,8 +1183,8 @@ class _Comparison:
         return np.asarray(root @ root.T)
 
     def find_phases(self, scaled: Array) -> Array:
-        """Return the phases (n,) of the model, rad, at ``scaled`` parameters (p,): less than half a
-        turn from the measured phases, if these are known.
+        """Return the phases (n,) of the model, rad, at ``scaled`` parameters (p,): no more than
+        half a turn from the measured phases, if these are known, else from -pi to pi.
         """
         response = self.respond(scaled)
         if self.measured.phase is None:
@@ -1210,8 +1236,8 @@ def _require_data(dof: int, n_parameters: int, *, sigma_given: bool) -> None:
 
 
 def _judge_errors(names: Sequence[str], values: Array, errors: Array) -> list[str]:
-    """Return a warning for each parameter whose standard error is above half its value; values and
-    errors are (p,), SI, and those of ln(1/e) for the restitution e.
+    """Return a warning for each of the parameters ``names`` whose standard error is above half its
+    value; ``values`` and ``errors`` are (p,), SI, and those of ln(1/e) for the restitution e.
     """
     words = {_RESTITUTION: "ln(1/restitution)"}
     return [

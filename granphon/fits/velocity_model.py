@@ -153,8 +153,9 @@ class _WidenedSpread(Spread):
         return self.source.shape
 
     def _compute_deviations(self, probability: Array) -> Array:
-        """Return the deviations of the source, m, times the ratio of the widths. Those of a long
-        list of diameters are taken from the list itself, which its shape condenses.
+        """Return the deviations of the source at these values of the cumulative ``probability``
+        (...), m, times the ratio of the widths. Those of a long list of diameters are taken from
+        the list itself, which its shape condenses.
         """
         if not self.source.width:
             return super()._compute_deviations(probability)
@@ -174,7 +175,9 @@ class _SampleCurve:
     """
 
     def __init__(self, packing: Packing, choice: MediumChoice, waves: Waves) -> None:
-        """Set up the curve of samples of the ``packing``; nothing is simulated before a call."""
+        """Set up the curve of samples of the ``packing`` that the ``choice`` simulates; nothing is
+        simulated before a call.
+        """
         self.medium = choice.of(packing)
         self.waves = replace(waves, frequency=None)
         # values of the curve by node, a multiple of the spacing
@@ -229,8 +232,8 @@ class _SampleCurve:
 
 
 def require_fitted(names: Sequence[str], known: Collection[str]) -> None:
-    """Raise :class:`InputError` unless ``names`` are one or more of the ``known`` parameters, each
-    at most once.
+    """Raise :class:`InputError` unless ``names``, of parameters to be fitted, are one or more of
+    those ``known``, each at most once.
     """
     for name in names:
         if name not in known:
@@ -240,8 +243,8 @@ def require_fitted(names: Sequence[str], known: Collection[str]) -> None:
 
 
 def _make_regular_state(packing: Packing, force: Array, finite_overlap: bool) -> ContactState:
-    """Return the state of the regular lattice, whose contacts all carry the same ``force``, N, at
-    each of the forces (n,).
+    """Return the state of the regular lattice of a ``packing``, whose contacts all carry the same
+    ``force``, N, at each of the forces (n,), with or without ``finite_overlap``.
     """
     return AveragedLattice(packing).at_force(force, finite_overlap=finite_overlap)
 
@@ -437,8 +440,8 @@ class VelocityModel:
         return _WidenedSpread(positive("width", width, "m"), self.packing.spread or Uniform(0.0))
 
     def _find_state(self, packing: Packing) -> tuple[ContactState, Array]:
-        """Return a state with the long-wave velocities of the medium under the loads, and their
-        local exponents d log v / d log f, (n,).
+        """Return a state with the long-wave velocities that the medium has on a ``packing`` under
+        the loads, and their local exponents d log v / d log f, (n,).
 
         Where samples are simulated, the state is that of a regular lattice with the stiffness of
         the curve of the samples. If the lowest load is too low for samples, an InputError names the

@@ -18,7 +18,7 @@ from contextlib import suppress
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
-from typing import Any, Unpack
+from typing import Any, NamedTuple, Unpack
 
 import numpy as np
 from ase import Atoms
@@ -95,6 +95,26 @@ class ContactCalculator(Calculator):  # type: ignore[misc]
         return changes
 
 
+class FoundContacts(NamedTuple):
+    """The n_c contacts of the balls of Atoms, each once.
+
+    Attributes
+    ----------
+    i, j : (n_c,) numbers of the two balls.
+    shift : (n_c, 3) numbers of periods by which the image of ball j is shifted.
+    vector : (n_c, 3) from the centre of ball i to that of the image of ball j, m.
+    laws : the contact laws.
+    ratio : (n_c,) 4 G*/E* of each contact.
+    """
+
+    i: Index
+    j: Index
+    shift: Index
+    vector: Array
+    laws: ContactLaws
+    ratio: Array
+
+
 class BallContacts(ContactCalculator):
     """ASE calculator of any balls, in SI: Atoms in m, energy in J, forces in N, stress in Pa.
 
@@ -122,11 +142,12 @@ class BallContacts(ContactCalculator):
     ------
     InputError : ``balls`` is no mapping to balls or materials, or is empty; ``law`` is the name of
         no law, or has a key that is no pair of kinds, or two laws of one pair; ``friction`` is not
-        true or false. When the calculator is used: a pair of kinds without a law, or whose law
-        lacks a method of contact laws; Atoms of another kind, without radii, or with radii that are
-        not above zero; positions or a cell that are not finite; two balls at one place; a period of
-        the cell far below the diameters, perhaps in another unit, and periods that are not
-        independent; a law of a bond, which acts at any distance, so that there are no neighbours.
+        true or false. When the calculator is used: what are no Atoms; a pair of kinds without a
+        law, or whose law lacks a method of contact laws; Atoms of another kind, without radii, or
+        with radii that are not above zero; positions or a cell that are not finite; two balls at
+        one place; a period of the cell far below the diameters, perhaps in another unit, and
+        periods that are not independent; a law of a bond, which acts at any distance, so that there
+        are no neighbours.
     """
 
     follows = ("radius", "kinds")
@@ -153,9 +174,9 @@ class BallContacts(ContactCalculator):
     def find_radii(self, atoms: Atoms) -> tuple[list[str], Array]:
         """Return the kinds (n,) of the balls of ``atoms``, and their radii (n,), m.
 
-        Raises :class:`~granphon.base.errors.InputError` for a kind without a ball, for an array
-        ``radius`` that is not a number above zero for each ball, and for positions or a cell that
-        are not finite.
+        Raises :class:`~granphon.base.errors.InputError` for what are no Atoms, for a kind without a
+        ball, for materials without an array ``radius``, for such an array that is not a number
+        above zero for each ball, and for positions or a cell that are not finite.
         """
         require_instance("atoms", atoms, Atoms, "Give an ase.Atoms")
         kinds = [str(kind) for kind in atoms.arrays.get("kinds", atoms.get_chemical_symbols())]
@@ -191,8 +212,9 @@ class BallContacts(ContactCalculator):
     def _find_law(
         self, kind_i: str, radius_i: float, kind_j: str, radius_j: float
     ) -> tuple[PairLaw, float, float]:
-        """Return the contact law of two balls i and j of these kinds and radii, m, and 4 G*/E* and
-        E*, Pa, of their contacts; each pair is computed and checked once, and then kept.
+        """Return the contact law of a ball i of ``kind_i`` and ``radius_i``, m, and a ball j of
+        ``kind_j`` and ``radius_j``, and 4 G*/E* and E*, Pa, of their contact; each pair is computed
+        and checked once, and then kept.
         """
         key = (kind_i, radius_i, kind_j, radius_j)
         if key not in self._laws:
@@ -210,10 +232,9 @@ class BallContacts(ContactCalculator):
         material = ball if isinstance(ball, Material) else ball.material
         return Ball(material, 2.0 * radius, name=kind)
 
-    def find_contacts(self, atoms: Atoms) -> tuple[Index, Index, Index, Array, ContactLaws, Array]:
-        """Return the contacts of the balls of ``atoms``: balls i (n_c,) and j (n_c,), the shift
-        (n_c, 3) of ball j in periods, the vectors (n_c, 3) from centre i to centre j, m, the laws,
-        and 4 G*/E* (n_c,).
+    def find_contacts(self, atoms: Atoms) -> FoundContacts:
+        """Return the contacts of the balls of ``atoms``: balls that overlap, or are so near that
+        adhesion may still hold them.
 
         Warns with :class:`~granphon.base.errors.InconsistencyWarning` if the positions seem to be
         in another unit than m. Raises :class:`~granphon.base.errors.InputError` as the class says.
@@ -249,7 +270,7 @@ class BallContacts(ContactCalculator):
         shift = np.zeros((len(i), 3), np.intp)
         shift[:, periods] = steps[is_touching]
         laws, ratio = self._find_laws(sorts, number[i], number[j])
-        return i, j, shift, vector, laws, ratio
+        return FoundContacts(i, j, shift, vector, laws, ratio)
 
     def _find_laws(
         self, sorts: list[tuple[str, float]], sort_i: Index, sort_j: Index
@@ -306,20 +327,20 @@ class BallContacts(ContactCalculator):
         Pa, of the atoms.
 
         ASE gives the names of the ``properties`` that it asks for, and of the ``system_changes``
-        since the last call. Raises :class:`~granphon.base.errors.InputError` if ASE asks for the
-        stress and the cell has no volume.
+        since the last call. Raises :class:`~granphon.base.errors.InputError` as the class says, and
+        if ASE asks for the stress and the cell has no volume.
         """
         from granphon.contacts.placed import ContactForces, find_overlaps  # bands do not need it
 
         super().calculate(atoms, properties, system_changes)
         balls = self.atoms
         _, radii = self.find_radii(balls)
-        i, j, _, vector, laws, _ = self.find_contacts(balls)
-        overlap, normal = find_overlaps(vector, radii[i] + radii[j], 0.0)
-        contacts = ContactForces(i, j, vector, len(balls), _ROLLING_FREELY)
-        contacts.press(laws.force(overlap), normal)
+        found = self.find_contacts(balls)
+        overlap, normal = find_overlaps(found.vector, radii[found.i] + radii[found.j], 0.0)
+        contacts = ContactForces(found.i, found.j, found.vector, len(balls), _ROLLING_FREELY)
+        contacts.press(found.laws.force(overlap), normal)
         forces, virial = contacts.collect()
-        energy = math.fsum(laws.energy(overlap))
+        energy = math.fsum(found.laws.energy(overlap))
         volume = abs(float(np.linalg.det(balls.cell.array)))
         self.results = {"energy": energy, "free_energy": energy, "forces": forces}
         if volume > 0.0:
@@ -335,25 +356,28 @@ class BallContacts(ContactCalculator):
         shear stiffness, or none if the calculator is without friction.
 
         The ``options`` are those of :meth:`ContactNetwork.from_table`. The masses are those of the
-        balls that the calculator was given; those of Atoms are atomic, and are not read.
+        balls that the calculator was given; those of Atoms are atomic, and are not read. The
+        network repeats where the Atoms do; without a period it has no cell. Raises
+        :class:`~granphon.base.errors.InputError` as the class says, for Atoms without balls, and
+        as :meth:`ContactNetwork.from_table` does.
         """
         from granphon.contacts.placed import find_overlaps  # bands do not need it
 
         kinds, radii = self.find_radii(atoms)
-        i, j, shift, vector, laws, ratio = self.find_contacts(atoms)
-        overlap, _ = find_overlaps(vector, radii[i] + radii[j], 0.0)
+        found = self.find_contacts(atoms)
+        overlap, _ = find_overlaps(found.vector, radii[found.i] + radii[found.j], 0.0)
         x, y, z = atoms.positions.T
         masses = [self._find_mass(*sort) for sort in zip(kinds, radii.tolist(), strict=True)]
         balls = {"x": x, "y": y, "z": z, "radius": radii, "mass": masses, "kind": kinds}
         contacts = {
-            "i": i,
-            "j": j,
-            "normal_force": laws.force(overlap),
-            "normal_stiffness": laws.stiffness(overlap),
-            "shear_stiffness": ratio * laws.punch(overlap) * self.friction,
-            "shift_1": shift[:, 0],
-            "shift_2": shift[:, 1],
-            "shift_3": shift[:, 2],
+            "i": found.i,
+            "j": found.j,
+            "normal_force": found.laws.force(overlap),
+            "normal_stiffness": found.laws.stiffness(overlap),
+            "shear_stiffness": found.ratio * found.laws.punch(overlap) * self.friction,
+            "shift_1": found.shift[:, 0],
+            "shift_2": found.shift[:, 1],
+            "shift_3": found.shift[:, 2],
         }
         # the model of the contacts has one ball for each kind, here one of mean radius
         names = tuple(dict.fromkeys(kinds))
@@ -521,8 +545,8 @@ def read_granphon_lammps(path: Any, pairs: Any = None, **options: Any) -> Atoms:
 
     By default the dump of pairs lies beside that of atoms, with "pairs" instead of "atoms" in its
     name. ``options`` are those of :meth:`ContactNetwork.from_lammps`, which also says what is
-    raised; by default rattlers are kept. Without a ``material`` and a ``normal_stiffness``, all
-    normal stiffnesses are 1 N/m, and shear stiffnesses are zero unless they are given.
+    raised; by default rattlers are kept. With neither a ``material`` nor a ``normal_stiffness``,
+    all normal stiffnesses are 1 N/m, and shear stiffnesses are zero unless they are given.
     """
     has_stiffness = "material" in options or "normal_stiffness" in options
     if not has_stiffness:

@@ -9,7 +9,7 @@ import json
 import math
 import os
 from functools import cached_property, partial
-from typing import Any
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,7 +18,7 @@ from granphon.balls.layers import find_outer
 from granphon.balls.motions import IN_PLANE, Motions
 from granphon.base.arrays import Array, Complex, Index
 from granphon.base.errors import InputError
-from granphon.base.results import Result, held, result_class
+from granphon.base.results import Result, held, read_only, result_class
 from granphon.base.scales import HertzPrefix, Units, read_header
 from granphon.base.staging import write_text
 from granphon.base.standard_errors import read_errors
@@ -193,7 +193,7 @@ class Bands(Result):
     @cached_property
     def motion(self) -> NDArray[Any]:
         """Eigenvectors with an axis for balls and one for the motions of a ball, (s, p, n_balls,
-        motions, b).
+        motions, b); read-only, as all arrays that bands keep.
 
         Raises :class:`~granphon.base.errors.InputError` if there are no eigenvectors.
         """
@@ -260,12 +260,12 @@ class Bands(Result):
 
         Where branches coincide, the fractions are those of the combinations of their modes that are
         most at one edge. Raises :class:`~granphon.base.errors.InputError` for a lattice that is not
-        a cut, whose balls are all at one height, and without eigenvectors.
+        a cut: it repeats in space, or its balls are all at one height; and without eigenvectors.
         """
-        axis_across = min(sum(self.pbc), 2)  # the periods of a cut are along the first axes
-        heights = (self.positions @ self.cell)[:, axis_across]
-        has_edges = np.ptp(heights) > _LEAST_HEIGHT * float(np.abs(self.cell).max())
-        if not has_edges:
+        n_periods = sum(self.pbc)  # those of a cut are along the first axes
+        heights = (self.positions @ self.cell)[:, min(n_periods, 2)]
+        has_heights = np.ptp(heights) > _LEAST_HEIGHT * float(np.abs(self.cell).max())
+        if n_periods == 3 or not has_heights:
             raise InputError(
                 "the lattice has no edges", mend="Take bands of network.cut(axis, layers)"
             )
@@ -280,7 +280,7 @@ class Bands(Result):
                 if len(branches) > 1:
                     motion = self.motion[s, p][..., branches]
                     weights[s, p, branches] = _separate_edges(motion, masks)
-        return np.asarray(np.clip(weights, 0.0, 1.0))
+        return read_only(np.clip(weights, 0.0, 1.0))
 
     @cached_property
     def connection(self) -> NDArray[np.intp]:
@@ -292,7 +292,7 @@ class Bands(Result):
         """
         # `motion` is these eigenvectors, and says how to ask for them where there are none
         segments = self.motion.reshape(*self.motion.shape[:2], -1, self.n_branches)
-        return np.array([connect_branches(motions) for motions in segments])
+        return read_only([connect_branches(motions) for motions in segments])
 
     @property
     def connected_frequencies(self) -> Array:
@@ -401,12 +401,34 @@ class Bands(Result):
         that hold no motion, below the others; ``errors`` are the standard errors of the
         frequencies, Hz, None without.
         """
+        _, p, b = self.frequencies.shape
+        template, numbers = self._tabulate_modes(unit, n_still, errors)
         # the text of a wave vector is a template with %r for each number, which is filled below
+        modes = "".join(f"  - # {number}\n{template}" for number in range(1, n_still + b + 1))
+        points = np.column_stack([self.qpoints.reshape(-1, 3), self.distances.ravel()])
+        heads = fill_floats("- q-position: [ %r, %r, %r ]\n  distance: %r\n", points.tolist())
+        labels = list[str]()
+        for ends in self._segment_ends:
+            first, last = [f"  label: {json.dumps(name)}\n" for name in ends]
+            labels += [first, *[""] * (p - 2), last][:p]
+        bands = fill_floats(modes.removesuffix("\n"), map(np.ndarray.tolist, numbers))
+        bands = [text.replace(" nan\n", " .nan\n") for text in bands]  # as YAML has it
+        texts_of_points = zip(heads, labels, bands, strict=True)
+        return [f"{head}{label}  band:\n{branches}" for head, label, branches in texts_of_points]
+
+    def _tabulate_modes(
+        self, unit: HertzPrefix, n_still: int, errors: ArrayLike | None
+    ) -> tuple[str, Array]:
+        """Return the lines of a mode in a band.yaml, a template with %r for each of m numbers, and
+        the numbers of all modes, (s p, (n_still + b) m), a row for each wave vector.
+
+        The arguments are those of :meth:`_write_modes`.
+        """
         s, p, b = self.frequencies.shape
         template = "    frequency: %r\n"
         in_front = ((0, 0), (0, 0), (n_still, 0))
         frequencies = np.pad(self.frequencies, in_front) / unit.hertz
-        columns = [frequencies[..., None]]  # each (s, p, n_still + b, numbers of a mode)
+        columns = [frequencies[..., None]]  # each (s, p, n_still + b, some of the m numbers)
         if errors is not None:
             template += "    frequency_error: %r\n"
             errors_of_modes = read_errors("errors", errors, (s, p, b))
@@ -421,18 +443,7 @@ class Bands(Result):
             components = self._list_components(n_still)
             template += ("    -\n" + "      - [ %r, %r ]\n" * 3) * components.shape[3]
             columns.append(components.reshape(s, p, n_still + b, -1))
-        modes = "".join(f"  - # {number}\n{template}" for number in range(1, n_still + b + 1))
-        points = np.column_stack([self.qpoints.reshape(-1, 3), self.distances.ravel()])
-        heads = fill_floats("- q-position: [ %r, %r, %r ]\n  distance: %r\n", points.tolist())
-        labels = list[str]()
-        for ends in self._segment_ends:
-            first, last = [f"  label: {json.dumps(name)}\n" for name in ends]
-            labels += [first, *[""] * (p - 2), last][:p]
-        numbers = np.concatenate(columns, axis=3).reshape(s * p, -1)
-        bands = fill_floats(modes.removesuffix("\n"), map(np.ndarray.tolist, numbers))
-        bands = [text.replace(" nan\n", " .nan\n") for text in bands]  # as YAML has it
-        texts_of_points = zip(heads, labels, bands, strict=True)
-        return [f"{head}{label}  band:\n{branches}" for head, label, branches in texts_of_points]
+        return template, np.concatenate(columns, axis=3).reshape(s * p, -1)
 
     def _list_components(self, n_still: int) -> Array:
         """Return real and imaginary parts of the eigenvectors, (s, p, n_still + b, atoms, 3, 2), in
@@ -486,34 +497,23 @@ class Bands(Result):
         """
         header = data["granphon"]
         phonon = data["phonon"]
-        s, p, natom = _read_counts(data)
-        # a ball of six motions is two atoms, of which the first is at the position of the ball
-        atoms = data["points"]
-        symbols = [atom["symbol"] for atom in atoms]
-        per_ball = read_motions(header)[0].atoms_per_ball
-        if not natom or natom % per_ball:
-            raise InputError(f"Its {natom} atoms are no whole number of balls")
-        n = natom // per_ball
+        s, p = _read_counts(data)
         n_still = int(header.get("still_branches", 0))
         modes = [point["band"][n_still:] for point in phonon]
         b = len(modes[0])
-        motions, periods = read_motions(header, b // n)  # a ball has as many branches as motions
+        balls = _Balls.of_data(data, b)
+        n = len(balls.masses)
+        periods = balls.periods
         cell = read_numbers("lattice", data["lattice"])
-        positions = read_numbers("coordinates", [atom["coordinates"] for atom in atoms])
-        masses = read_numbers("mass", [atom["mass"] for atom in atoms])
-        kinds = read_kinds(header, symbols[::per_ball])
-        if name_atoms(masses[::per_ball], motions, kinds) != symbols:
-            raise InputError("Its atoms are not those of balls with these motions")
         qpoints = read_numbers("q-position", [point["q-position"] for point in phonon])
         qpoints = qpoints.reshape(s, p, 3)
         distances = read_numbers("distance", [point["distance"] for point in phonon])
         frequencies = _read_mode_values("frequency", modes) * hertz
         eigenvectors = None
         if "eigenvector" in modes[0][0]:
-            components = _read_mode_values("eigenvector", modes).reshape(
-                s, p, b, n, 3 * per_ball, 2
-            )
-            eigenvectors = _read_vectors(components, motions, qpoints, cell)
+            shape = (s, p, b, n, 3 * balls.motions.atoms_per_ball, 2)
+            components = _read_mode_values("eigenvector", modes).reshape(shape)
+            eigenvectors = _read_vectors(components, balls.motions, qpoints, cell)
         velocities = None
         if "group_velocity" in modes[0][0]:
             reduced = _read_velocities(modes, periods).reshape(s, p, b, periods)
@@ -529,13 +529,13 @@ class Bands(Result):
             eigenvectors=eigenvectors,
             labels=_join_labels(data["labels"]),
             cell=cell,
-            positions=positions[::per_ball],
-            masses=masses[::per_ball],
+            positions=balls.positions,
+            masses=balls.masses,
             scales=scales,
             warnings=tuple(header["warnings"]),
-            motions=motions,
+            motions=balls.motions,
             pbc=tuple(header.get("pbc", (True,) * periods)),
-            kinds=kinds,
+            kinds=balls.kinds,
             gyration=gyration,
         )
 
@@ -626,6 +626,48 @@ def _separate_edges(motion: NDArray[Any], masks: NDArray[np.bool_]) -> Array:
     return np.stack(weights, axis=1)
 
 
+class _Balls(NamedTuple):
+    """The balls of a band.yaml.
+
+    Attributes
+    ----------
+    motions : the motions of each ball.
+    periods : number of periods of the lattice.
+    positions : (n, 3) positions of the balls, fractions of the cell.
+    masses : (n,) masses of the balls, in reduced units.
+    kinds : (n,) names of the kinds of the balls; empty if they are not known.
+    """
+
+    motions: Motions
+    periods: int
+    positions: Array
+    masses: Array
+    kinds: tuple[str, ...]
+
+    @classmethod
+    def of_data(cls, data: Any, n_branches: int) -> Self:
+        """Return the balls in the ``data`` of a band.yaml with a number of branches,
+        ``n_branches``, one for each motion of each ball.
+
+        Raises :class:`~granphon.base.errors.InputError` for atoms that are not those of balls, and
+        for motions that do not fit the number of branches.
+        """
+        header = data["granphon"]
+        atoms = data["points"]
+        # a ball of six motions is two atoms, of which the first is at the position of the ball
+        per_ball = read_motions(header)[0].atoms_per_ball
+        if not atoms or len(atoms) % per_ball:
+            raise InputError(f"Its {len(atoms)} atoms are no whole number of balls")
+        motions, periods = read_motions(header, n_branches // (len(atoms) // per_ball))
+        positions = read_numbers("coordinates", [atom["coordinates"] for atom in atoms])
+        masses = read_numbers("mass", [atom["mass"] for atom in atoms])
+        symbols = [atom["symbol"] for atom in atoms]
+        kinds = read_kinds(header, symbols[::per_ball])
+        if name_atoms(masses[::per_ball], motions, kinds) != symbols:
+            raise InputError("Its atoms are not those of balls with these motions")
+        return cls(motions, periods, positions[::per_ball], masses[::per_ball], kinds)
+
+
 def _read_vectors(components: Array, motions: Motions, qpoints: Array, cell: Array) -> Complex:
     """Return the eigenvectors (s, p, n_dof, b) of balls with these ``motions``.
 
@@ -652,9 +694,8 @@ def _read_velocities(modes: list[Any], periods: int) -> Array:
     return in_space[..., :periods]
 
 
-def _read_counts(data: Any) -> tuple[int, int, int]:
-    """Return the numbers of segments, of points in a segment and of atoms from the ``data`` of a
-    band.yaml.
+def _read_counts(data: Any) -> tuple[int, int]:
+    """Return the numbers of segments and of points in a segment from the ``data`` of a band.yaml.
 
     Raises :class:`~granphon.base.errors.InputError` for numbers that do not fit the rest of the
     file.
@@ -676,7 +717,7 @@ def _read_counts(data: Any) -> tuple[int, int, int]:
     n_atoms = len(data["points"])
     if counts["natom"] != n_atoms:
         raise InputError(f"Its key natom is {data['natom']}, and it has {n_atoms} points")
-    return s, p, n_atoms
+    return s, p
 
 
 def _read_mode_values(name: str, modes: list[Any]) -> Array:

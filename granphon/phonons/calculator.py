@@ -87,6 +87,9 @@ _TURN_PER_OVERLAP = 1e-2
 #: greatest rotation of the whole lattice that is accepted when force constants are found, as added
 #: overlap over the spacing. More is allowed, because positions then only tell which balls touch
 _TURN_PER_SPACING = 1e-4
+#: eigenvalue of the sum of the projections across contacts, over the largest, up to which the
+#: contacts show no rotation about its axis
+_NO_ROTATION = 1e-9
 #: distance, in diameters, by which a list of pairs reaches beyond the cutoff. A list serves until a
 #: ball has moved by half of this distance. On the triangular lattice a list reaches 1.55, and so no
 #: second neighbours, which are at 1.73
@@ -106,13 +109,13 @@ def atoms(state: Any) -> Atoms:
     For the state of a crystal, of a sample or of a :class:`~granphon.ContactNetwork` with periods
     the cell is that of its network. The Atoms are then the balls that move, with their masses,
     radii (the array ``radius``), a chemical symbol for each kind, and the scales in ``info``. A
-    kind whose name is a chemical symbol has that symbol; ``info["kinds"]`` has the name of each
-    symbol. If kinds are not known, or more than symbols, each mass has a symbol of its own; more
-    than 12 masses have one. The calculator is :class:`HarmonicContacts`, as a network has
+    kind whose name is a chemical symbol, but for "No", has that symbol; ``info["kinds"]`` has the
+    name of each symbol. If kinds are not known, or more than symbols, each mass has a symbol of its
+    own; more than 12 masses have one. The calculator is :class:`HarmonicContacts`, as a network has
     stiffnesses and no contact law.
 
-    Raises :class:`~granphon.base.errors.InputError` if the state holds several loads, and for a
-    network without a period.
+    Raises :class:`~granphon.base.errors.InputError` for what has no network, if the state holds
+    several loads, and for a network without a period.
     """
     any_state: Any = as_state(state)
     if not any_state.follows_law:
@@ -185,8 +188,9 @@ class HarmonicContacts(ContactCalculator):
     keeps as those at rest. The calculator serves the same balls in the same order; the Atoms
     ``gp.atoms(network.repeat(...))`` of a larger cell have a calculator of their own. Raises
     :class:`~granphon.base.errors.InputError` for other Atoms, for numbers that are not finite, for
-    an array ``rotations`` of another shape, for displacements of more than half a diameter, and for
-    a stress where bodies without motion, or springs to the ground, hold the balls.
+    a cell whose vectors are not independent, for an array ``rotations`` of another shape, for
+    displacements of more than half a diameter, and for a stress where bodies without motion, or
+    springs to the ground, hold the balls.
     """
 
     follows = ("rotations",)
@@ -254,11 +258,13 @@ class HarmonicContacts(ContactCalculator):
         """Return the displacement (n_c, 3), in diameters, of ball j of each contact against ball i,
         from the positions at rest to those of ``balls``.
 
-        Raises :class:`~granphon.base.errors.InputError` for a displacement that is not small, and
-        for a position or cell that is not finite.
+        Raises :class:`~granphon.base.errors.InputError` for a displacement that is not small, for a
+        position or cell that is not finite, and for a cell whose vectors are not independent.
         """
         if not (np.all(np.isfinite(balls.positions)) and np.all(np.isfinite(balls.cell.array))):
             raise InputError("the Atoms hold a number that is not finite, in positions or cell")
+        vectors = balls.cell.array
+        require_independent(vectors[np.any(vectors, axis=1)])  # ASE replaces vectors of zeros
         reference = self._reference
         lattice = self.state.contact_lattice()
         table = lattice.contacts
@@ -325,7 +331,10 @@ class HarmonicContacts(ContactCalculator):
         return -contacts.collect()[1].T
 
     def get_torques(self, atoms: Atoms) -> Array:
-        """Return the torques (N, 3) on the balls of ``atoms``, -dE/dphi, k d^2."""
+        """Return the torques (N, 3) on the balls of ``atoms``, -dE/dphi, k d^2, zero about axes
+        about which no ball turns. Raises :class:`~granphon.base.errors.InputError` as the class
+        says.
+        """
         self.get_property("energy", atoms)
         return self._torques.copy()
 
@@ -659,6 +668,7 @@ class HertzMindlin(ContactCalculator):
 
         super().calculate(atoms, properties, system_changes)
         balls: Atoms = self.atoms
+        require_instance("atoms", balls, Atoms, "Give an ase.Atoms")
         volume = self._find_volume(balls)
         if volume == 0.0 and "stress" in properties:
             vectors = ("a vector along x", "two vectors in the plane", "three vectors")
@@ -750,8 +760,8 @@ class HertzMindlin(ContactCalculator):
             loads.resist(row, row.stiffness * stiffness, displacement, angles)
 
     def get_torques(self, atoms: Atoms) -> Array:
-        """Return the torques on the balls of ``atoms``, -dE/dphi, k d^2: (N,) if balls turn about z
-        alone, else (N, 3).
+        """Return the torques on the balls of ``atoms``, -dE/dphi, k d^2: (N,), about z, of balls
+        that stay on a line or in a plane, else (N, 3). Errors are those of :meth:`calculate`.
         """
         self.get_property("energy", atoms)
         return self._torques.copy()
@@ -1218,7 +1228,7 @@ def _find_turn(normal: Array, vector: Array, distance: Array, is_touching: Flags
     # line, so the inverse is a pseudoinverse
     total = np.sum(np.cross(normal, vector) / distance[:, None], axis=0)
     projection = len(normal) * np.eye(3) - normal.T @ normal
-    turn = np.linalg.pinv(projection, rcond=1e-9, hermitian=True) @ total
+    turn = np.linalg.pinv(projection, rcond=_NO_ROTATION, hermitian=True) @ total
     return float(np.linalg.norm(turn))
 
 

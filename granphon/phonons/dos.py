@@ -18,6 +18,8 @@ from granphon.base.tables import Table, table_text
 from granphon.base.text import read_sealed, require_own_file, require_schema, seal, warn_unverified
 from granphon.base.validation import one_of
 
+#: methods by which a density of states is found
+METHODS = ("tetrahedron", "smearing")
 #: columns of dos.csv, before those of standard errors
 _DOS_COLUMNS = ("frequency_Hz", "total_per_Hz", "translational_per_Hz", "rotational_per_Hz")
 #: names of the densities
@@ -65,7 +67,7 @@ class DensityOfStates(Result):
     def _check(self) -> None:
         """Raise :class:`~granphon.base.errors.InputError` unless shapes fit together, numbers are
         finite, frequencies are zero or above and ascend, no density is below zero by more than
-        rounding, and the mesh has points.
+        rounding, the method is one of :data:`METHODS`, and the mesh has points.
         """
         super()._check()
         self._require_finite()
@@ -76,6 +78,7 @@ class DensityOfStates(Result):
             (np.all(self.frequencies >= 0.0), "a frequency is below zero"),
             (np.all(np.diff(self.frequencies) > 0.0), "the frequencies do not ascend"),
             (np.all(densities >= lowest), "a density is below zero"),
+            (self.method in METHODS, f"the method is {self.method!r}"),
             (min(self.mesh, default=0) > 0, "the mesh has no point"),
         ):
             if not holds:
@@ -96,8 +99,9 @@ class DensityOfStates(Result):
         wrote is replaced.
 
         Raises :class:`~granphon.base.errors.InputError` for errors of another name or length or
-        below zero, for what is no mapping or no path, and
-        :class:`~granphon.base.errors.FileExistsInRunError` if another file is there.
+        below zero, for what is no mapping or no path;
+        :class:`~granphon.base.errors.FileExistsInRunError` if another file is there; and
+        :class:`~granphon.base.errors.OutputError` if the file system refuses the file.
 
         The heading is the first line, so that spreadsheets and ``numpy.genfromtxt(path,
         delimiter=",", names=True)`` take the names from it. Comments below it hold the digest of
@@ -163,6 +167,8 @@ def _read_comments(
     Raises :class:`~granphon.base.errors.InputError` for comments that granphon does not write.
     """
     comments = [line.removeprefix("# ") for line in text.splitlines() if line.startswith("#")]
+    if len(comments) < 2:
+        raise InputError(_NO_DENSITY)
     head, origin, *notes = comments
     schema = re.fullmatch(_DOS_HEAD.format(r"(\d+)"), head)
     words = re.fullmatch(r"method (\w+), mesh (\d+(?: \d+){0,2})", origin)

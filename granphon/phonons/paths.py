@@ -77,8 +77,8 @@ def special_points(vectors: ArrayLike, pbc: Sequence[bool] = ()) -> dict[str, Ar
     """Return the special points of the Brillouin zone of lattice vectors (p, d), by ASE's letters.
 
     Each point is (3,), in fractions of the reciprocal cell. ``pbc`` (p,) says along which vectors
-    balls repeat, by default all. A ribbon that is cut out of a plane has the two points G and X of
-    a line.
+    balls repeat, by default all; a cluster, which repeats along none, has the points of the cell
+    around it. A ribbon that is cut out of a plane has the two points G and X of a line.
     """
     points = _find_band_path(vectors, pbc).special_points
     rows = np.asarray(vectors, float)
@@ -494,7 +494,7 @@ class BandPath:
     Raises
     ------
     InputError : there is no piece, a piece is not two or more points of three finite numbers, or
-        there are labels, but not one for each point.
+        the labels are no texts, or not one for each point.
     """
 
     paths: Pieces

@@ -55,7 +55,7 @@ from granphon.phonons.band_edges import BandEdges, EdgeSearch, ZoneSample
 from granphon.phonons.bands import Bands, ComplexBands, Onset, PhononModes
 from granphon.phonons.calculator import HertzMindlin, contact_blocks
 from granphon.phonons.calculator import atoms as lattice_atoms
-from granphon.phonons.dos import DensityOfStates
+from granphon.phonons.dos import METHODS, DensityOfStates
 from granphon.phonons.paths import (
     BAND_POINTS,
     LARGEST_COUNT,
@@ -267,7 +267,7 @@ class Phonons:
 
     @property
     def _periods(self) -> int:
-        """Number p of periods of the lattice."""
+        """Number p of periods of the lattice: 1, 2 or 3."""
         return self.lattice.periods
 
     @property
@@ -523,12 +523,13 @@ class Phonons:
         Raises
         ------
         InputError : a loss is out of range, no number, or of another shape; the contacts of the
-            Atoms are not those of the state, in their order; or their masses or stiffnesses are
-            not, and a ``dashpot`` or ``restitution`` is given, whose times c/k follow from those of
-            the state. :class:`Phonons` says which wave vectors are refused.
+            Atoms are not those of the state, in their order; their masses or stiffnesses are not,
+            and a ``dashpot`` or ``restitution`` is given, whose times c/k follow from those of the
+            state; or the frequencies do not fit into memory. :class:`Phonons` says which wave
+            vectors are refused.
         InstabilityError : a squared frequency is negative.
         PrecisionError : losses are not the same everywhere, and dashpots or drag resist far more
-            than springs.
+            than springs; an InputError too.
         """
         points = _read_qpoints(qpoints, self._periods)
         network = given_network(self.state)
@@ -679,6 +680,7 @@ class Phonons:
         InputError : :func:`~granphon.phonons.paths.interpolate_path` refuses the path,
             ``npoints`` or the labels, ``eigenvectors`` is not true or false, or the bands are too
             large for the memory.
+        PrecisionError : a corner is more than 1e15 reciprocal vectors from Gamma.
         InstabilityError : a squared frequency is negative.
         """
         has_eigenvectors = require("eigenvectors", truth, eigenvectors)
@@ -779,13 +781,12 @@ class Phonons:
         Raises
         ------
         PrecisionError : a frequency is at the very edge of a band, or so high that a wave decays by
-            more than 1e12 from layer to layer; or some motions are passed on to the next layers
-            across the axis and no further.
-            Or ``q`` is more than 1e15 reciprocal vectors.
+            more than 1e12 from layer to layer; some motions are passed on to the next layers across
+            the axis and no further; or ``q`` is more than 1e15 reciprocal vectors.
         InputError : the Atoms are another cell than that of the state; the ``axis`` has no period
-            or no contacts across it; a number is not allowed, or of another shape; the waves do not
-            fit into memory; or under prestress there are static tangential forces or torques, or
-            slip by levers that exceed the arms.
+            or no contacts across it; the motions deform no contact; a number is not allowed, or of
+            another shape; the waves do not fit into memory; or under prestress there are static
+            tangential forces or torques, or slip by levers that exceed the arms.
         """
         network = given_network(self.state)
         self._require_state_cell(with_stiffness=True)
@@ -836,11 +837,11 @@ class Phonons:
 
         Raises :class:`~granphon.base.errors.InputError` for numbers out of range or too large for
         the memory, for another ``method``, for a ``sigma`` with the tetrahedron method, and if
-        every branch vanishes; and
-        :class:`~granphon.base.errors.InstabilityError` if a squared frequency is negative.
+        every branch vanishes; and :class:`~granphon.base.errors.InstabilityError` if a squared
+        frequency is negative.
         """
         numbers = self._read_mesh(mesh)
-        chosen_method = one_of("method", method, ("tetrahedron", "smearing"))
+        chosen_method = one_of("method", method, METHODS)
         if chosen_method == "tetrahedron" and sigma is not None:
             raise InputError("sigma is for the smearing method only", mend="Give method='smearing'")
         count = whole_number("points", points, 12, LARGEST_COUNT)
@@ -880,7 +881,8 @@ class Phonons:
         """Return the numbers of wave vectors (p,) of the ``mesh`` of a density of states, or those
         of :data:`MESHES` if it is None.
 
-        Raises :class:`~granphon.base.errors.InputError` for anything but whole numbers from 1 on.
+        Raises :class:`~granphon.base.errors.InputError` for anything but whole numbers from 1 to
+        1e9.
         """
         p = self._periods
         example = " ".join(map(str, _pad((64,) * p)))
@@ -940,8 +942,8 @@ class Phonons:
 
         ``sigma``, Hz, is the requested standard deviation. If it is None, the width is a hundredth
         of the ``top`` frequency, (k/M)^1/2, or more if ``count`` frequencies do not resolve that.
-        Raises :class:`~granphon.base.errors.InputError` for a ``sigma`` below the spacing of the
-        frequencies, or far above the top frequency.
+        Raises :class:`~granphon.base.errors.InputError` for a ``sigma`` that is no number above
+        zero, is below the spacing of the frequencies, or far above the top frequency.
         """
         if sigma is None:
             # with few frequencies the width is a little above their spacing, w = (top + 5 w)/(count
@@ -998,20 +1000,22 @@ class Phonons:
         direction : (p,) Cartesian, of any length, along which the curvatures are; by default x.
 
         Raises :class:`~granphon.base.errors.InputError` for a direction that is zero, not finite or
-        of another shape, and :class:`~granphon.base.errors.InstabilityError` if a squared frequency
-        is negative.
+        of another shape, and for a cell of so many balls that the search for the gap does not fit
+        into memory; and :class:`~granphon.base.errors.InstabilityError` if a squared frequency is
+        negative.
         """
         axis = np.eye(self._periods)[0] if direction is None else direction
         along = one_direction(axis, self._periods)
         frequencies, curvatures = self.lattice.find_onset(along)
         scales = self.scales
-        lowest_gap = self._find_gap_edges(None, only_from_zero=True).frequencies
-        begins_at_zero = len(lowest_gap) and lowest_gap[0, 0] == 0.0
+        # branches that vanish everywhere have a gap above them that begins at zero too
+        lowest_gaps = self._find_gap_edges(None, only_from_zero=True)
+        has_gap = len(lowest_gaps.branches_below) > 0 and lowest_gaps.branches_below[0] == 0
         return Onset(
             frequencies * scales.frequency,
             curvatures * scales.velocity * scales.length,
             along,
-            float(lowest_gap[0, 1]) * scales.frequency if begins_at_zero else 0.0,
+            float(lowest_gaps.frequencies[0, 1]) * scales.frequency if has_gap else 0.0,
         )
 
     def find_gaps(self, mesh: Sequence[int] | None = None) -> tuple[Index, Array]:
@@ -1094,7 +1098,7 @@ class Phonons:
 
     def find_cutoff_points(self, mesh: Sequence[int] | None = None) -> Array:
         """Return the wave vectors (n_branches, 2, p), fractions of the reciprocal cell, at which
-        the cut-off frequencies of :meth:`cutoffs` are, with the same ``mesh``.
+        the cut-off frequencies of :meth:`cutoffs` are, with the same ``mesh`` and errors.
         """
         _, points = self._find_cutoffs(mesh)
         return points @ np.linalg.inv(self.lattice.reciprocal)
@@ -1152,12 +1156,10 @@ class Phonons:
         points = [point[None, :p] for point in self.special_points.values()]
         return np.concatenate([list_half_mesh(numbers), *points])
 
-    def _make_mesh(self, numbers: tuple[int, ...], reduce: bool = True) -> ZoneMesh:
-        """Return a Gamma-centred mesh of ``numbers`` (p,) of points; with ``reduce``, reduced by
-        the point group of the frequencies.
+    def _make_mesh(self, numbers: tuple[int, ...]) -> ZoneMesh:
+        """Return a Gamma-centred mesh of ``numbers`` (p,) of points, reduced by the point group of
+        the frequencies.
         """
-        if not reduce:
-            return ZoneMesh.of(numbers)
 
         def find_frequencies(fractions: Array) -> Array:
             """Return frequencies (n, n_branches) at wave vectors (n, p), fractions."""
@@ -1188,7 +1190,8 @@ class Phonons:
         A file that granphon wrote is replaced; if another file is there, such as one that phonopy
         wrote, :class:`~granphon.base.errors.FileExistsInRunError` is raised. Raises
         :class:`~granphon.base.errors.InputError` for what is no path,
-        :class:`~granphon.base.errors.OutputError` if the file system refuses the file, and
+        :class:`~granphon.base.errors.OutputError` if the file system refuses the file,
+        :class:`~granphon.base.errors.InstabilityError` if a squared frequency is negative, and
         :class:`~granphon.base.errors.MissingPackageError` if phonopy is not installed.
         """
         bridge = self.phonopy  # raises first if phonopy is not installed: the import below is safe
@@ -1308,8 +1311,8 @@ def _decays_too_fast(upward: BlochWaves, downward: BlochWaves) -> bool:
 
 
 def _require_slow_decay(hertz: Array, is_far: ArrayLike) -> None:
-    """Raise :class:`~granphon.base.errors.PrecisionError` if ``is_far`` (n_f,), whether a wave
-    decays too much to have digits, is true at some of the frequencies ``hertz`` (n_f,), Hz.
+    """Raise :class:`~granphon.base.errors.PrecisionError` if at some of the frequencies ``hertz``
+    (n_f,), Hz, a wave decays too much to have digits, which ``is_far`` (n_f,) says of each.
     """
     refused = hertz[np.asarray(is_far, bool)]
     if refused.size:

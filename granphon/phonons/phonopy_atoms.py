@@ -78,9 +78,10 @@ def free_symbol(symbol: str, taken: Iterable[str]) -> str:
 def choose_symbols(kinds: Iterable[str]) -> dict[str, str]:
     """Return a dictionary of different chemical symbols by the names of ``kinds`` of balls.
 
-    A kind whose name is a symbol has that symbol. A kind whose name begins with a symbol, as
-    Al6061, has this symbol if no other kind has it. Any other kind has a free symbol. If there are
-    more kinds than symbols, all balls have one symbol.
+    A kind whose name is a symbol has that symbol, but for "No", which YAML reads as false. A kind
+    whose name begins with a symbol, as Al6061, has this symbol if no other kind has it, and if it
+    is none of :data:`_NO_KIND`. Any other kind has a free symbol. If there are more kinds than
+    symbols, all balls have one symbol.
     """
     from ase.data import chemical_symbols
 
@@ -209,8 +210,9 @@ def read_motions(header: Mapping[str, Any], components: int | None = None) -> tu
     that :func:`make_header` wrote.
 
     ``components`` is the number of motions of a ball in the rest of the file, if it is known.
-    Raises :class:`~granphon.base.errors.InputError` for motions that do not exist, and for another
-    number of motions than ``components``.
+    Raises :class:`~granphon.base.errors.InputError` for a number of periods other than 1, 2 and 3,
+    for motions that do not exist, for coordinates that are not those of the motions, and for
+    another number of motions than ``components``.
     """
     periods = header["periods"]
     rotate = header["rotations"]

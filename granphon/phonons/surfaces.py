@@ -21,7 +21,7 @@ from granphon.balls.layers import read_edge
 from granphon.base.arrays import Array, Index
 from granphon.base.errors import GranphonError, InputError, InstabilityError
 from granphon.base.memory import require_memory
-from granphon.base.results import Result, held, result_class
+from granphon.base.results import Result, held, read_only, result_class
 from granphon.base.staging import write_text
 from granphon.base.standard_errors import read_errors
 from granphon.base.tables import Heading, table_text
@@ -160,9 +160,10 @@ class SurfaceSpectrum(Result, array="values"):
         standard error of each frequency, and with ``weight_errors`` (n,) that of each weight, nan
         where it is not known. A table with the same headings is replaced.
 
-        Raises :class:`~granphon.base.errors.InputError` for a spectrum without waves, and for
-        errors of another number than waves or below zero, and
-        :class:`~granphon.base.errors.FileExistsInRunError` if another file is there.
+        Raises :class:`~granphon.base.errors.InputError` for a spectrum without waves, for errors of
+        another number than waves or below zero, and for what is no path;
+        :class:`~granphon.base.errors.FileExistsInRunError` if another file is there; and
+        :class:`~granphon.base.errors.OutputError` if the file system refuses the file.
         """
         waves = self.waves
         if waves is None:
@@ -221,9 +222,9 @@ class Surface:
     Raises
     ------
     InputError : something without a network; another ``edge``; an ``axis`` that
-        :meth:`ContactNetwork.cut` refuses; layers that no contact joins, or too large for the
-        memory; and under prestress, static tangential forces or torques, and slip by levers that
-        exceed the arms.
+        :meth:`ContactNetwork.cut` refuses; motions that deform no contact; layers that no contact
+        joins, or too large for the memory; and under prestress, static tangential forces or
+        torques, and slip by levers that exceed the arms.
     """
 
     def __init__(self, x: Any, axis: Any, edge: str | Wall = "free") -> None:
@@ -245,8 +246,8 @@ class Surface:
 
     @cached_property
     def cell(self) -> Array:
-        """(p - 1, d) periods of a layer, m."""
-        return self.half_space.layers.cell
+        """(p - 1, d) periods of a layer, m; read-only."""
+        return read_only(self.half_space.layers.cell)
 
     @property
     def outer(self) -> ContactNetwork:
@@ -287,10 +288,11 @@ class Surface:
         segment.
 
         The path is that of the bands of a cut. Returned are wave vectors (n_q, 3) in fractions of
-        the reciprocal cell, each corner once; distances (n_q,) along the path over 2 pi, 1/d; the
-        distances (c,) and the names of the corners. At the end of a chain there is one wave vector,
-        and no corner. Raises :class:`~granphon.base.errors.InputError` for ``npoints`` that is no
-        whole number from 2 on, or that does not fit into memory, except at the end of a chain.
+        the reciprocal cell, with a corner where two segments join once; distances (n_q,) along the
+        path over 2 pi, 1/d; the distances (c,) and the names of the corners, "K|M" where the path
+        jumps from K to M. At the end of a chain there is one wave vector, and no corner. Raises
+        :class:`~granphon.base.errors.InputError` for ``npoints`` that is no whole number from 2 on,
+        or that does not fit into memory, except at the end of a chain.
         """
         p = len(self.cell)
         if not p:
@@ -506,8 +508,8 @@ class Surface:
         )
 
     def along_path(self, npoints: int) -> SurfaceBranches:
-        """Return :meth:`branches` along :meth:`path`, with ``npoints`` in each segment. The
-        branches are kept, as a figure and a data set need the same. Errors are those of both.
+        """Return :meth:`branches` along :meth:`path`, with ``npoints`` in each segment. Errors are
+        those of both methods. The branches are kept, as a figure and a data set need the same.
         """
         q = self.path(npoints)[0]
         if len(q) not in self._along_path:
@@ -697,9 +699,9 @@ def observe_surface(
 
 
 def _tabulate_waves(branches: Sequence[SurfaceBranches], n_q: int) -> tuple[Array, Array]:
-    """Return the frequencies, Hz, and the weights (surfaces, n_q, n_w) of the waves of several
-    surfaces, ``branches``, at the same ``n_q`` wave vectors; nan where a wave vector has fewer
-    waves than another.
+    """Return the frequencies, Hz, and the weights, both (surfaces, n_q, n_w), of the waves of
+    several surfaces, ``branches``, at the same ``n_q`` wave vectors; nan where a wave vector has
+    fewer waves than another.
     """
     counts = [int(np.bincount(waves.place, minlength=1).max()) for waves in branches]
     shape = (len(branches), n_q, max(1, *counts))

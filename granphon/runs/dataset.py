@@ -203,8 +203,9 @@ class SweepRun:
         """Do all tasks, and return their results in the order of the cases and of the tasks of
         each case.
 
-        A ``store`` is claimed for this sweep, and keeps the results. The one task of a state that
-        is already known is done here, without ``executor``, and its result is not kept.
+        The arguments are those of :func:`~granphon.runs.execution.solve_all`. A ``store`` is
+        claimed for this sweep, and keeps the results. The one task of a state that is already known
+        is done here, without ``executor``, and its result is not kept.
         """
         tasks = [task for case in self.grid.cases for task in case.tasks]
         is_known = tasks[0].known_state is not None
@@ -235,8 +236,8 @@ class SweepRun:
 
 
 def _require_sound(grid: Grid) -> None:
-    """Raise MechanismError or InstabilityError, with the label of the case, if a lattice of a case
-    carries no sound.
+    """Raise MechanismError or InstabilityError, with the label of the case, if the lattice of a
+    case of the ``grid`` carries no sound.
     """
     for case in grid.cases:
         # an array has its own forces, which are not those of the lattice
@@ -251,8 +252,8 @@ def _require_sound(grid: Grid) -> None:
 
 
 def make_frame(grid: Grid) -> Dataset:
-    """Return the data set before anything is computed: coordinates, the path of the bands, and the
-    inputs as attributes.
+    """Return the data set of a ``grid`` before anything is computed: coordinates, the path of the
+    bands, and the inputs as attributes.
 
     The path, which all packings share, has s segments of p points, and labels of its corners. In
     the data set ``qpoints`` (s, p, 3) are fractions of the reciprocal cell, ``distances`` (s, p)
@@ -296,8 +297,8 @@ def make_frame(grid: Grid) -> Dataset:
 
 
 def _find_finite_overlaps(grid: Grid) -> Array:
-    """Return whether each state has finite overlap, (media, combinations of the values of the
-    parameters, loads).
+    """Return whether each state of the ``grid`` has finite overlap, (media, combinations of the
+    values of the parameters, loads).
     """
     n_media = len(grid.media)
     # (cases, loads), of which the media run fastest
@@ -306,9 +307,10 @@ def _find_finite_overlaps(grid: Grid) -> Array:
 
 
 def _frame_attributes(grid: Grid, finite_overlaps: Array) -> dict[str, Any]:
-    """Return the attributes that every data set has, by name. The attribute ``direction`` says that
-    no direction is requested; where one is, :func:`make_frame` replaces it. ``finite_overlaps``
-    (media, combinations, loads) is that of :func:`_find_finite_overlaps`.
+    """Return the attributes that every data set has, by name, from its ``grid`` and from the
+    ``finite_overlaps`` (media, combinations, loads) of :func:`_find_finite_overlaps`. The attribute
+    ``direction`` is that of a grid that requests none; where one is requested, :func:`make_frame`
+    replaces the attribute.
     """
     structure = grid.cases[0].packing.structure
     x_axis = ("(1)", "(1, 0)", "(1, 0, 0)")[structure.periods - 1]
@@ -331,8 +333,8 @@ def _frame_attributes(grid: Grid, finite_overlaps: Array) -> dict[str, Any]:
 
 
 def _frame_waves(waves: WaveSettings) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return the variables and the coordinates of waves: the path and the polarisations of spectra,
-    and the coordinates of the blocks about networks.
+    """Return the variables and the coordinates of ``waves``, by name: the path and the
+    polarisations of spectra, and the coordinates of the blocks about networks.
     """
     variables: dict[str, Any] = {}
     coordinates: dict[str, Any] = {}
@@ -365,8 +367,8 @@ def _name_unit_of_path(finite_overlaps: Array) -> str:
 
 
 def _frame_bands(grid: Grid, finite_overlaps: Array) -> dict[str, Any]:
-    """Return the variables of the path of the bands, ``qpoints`` (s, p, 3), ``distances`` (s, p)
-    and ``labels`` (s + 1,) as in :func:`make_frame`; empty without bands.
+    """Return the variables of the path of the bands of a ``grid``, ``qpoints`` (s, p, 3),
+    ``distances`` (s, p) and ``labels`` (s + 1,) as in :func:`make_frame`; empty without bands.
 
     ``finite_overlaps`` says of each state whether it has finite overlap. InputError for a path that
     the lattice does not have, and for cases with different lattices, or different motions of balls.
@@ -413,8 +415,8 @@ def _frame_bands(grid: Grid, finite_overlaps: Array) -> dict[str, Any]:
 
 
 def _frame_states(grid: Grid) -> dict[str, Any]:
-    """Return the coordinates of the states, by their names: loads in SI units, the labels of the
-    media, and the labels of the values of each swept parameter.
+    """Return the coordinates of the states of a ``grid``, by their names: loads in SI units, the
+    labels of the media, and the labels of the values of each swept parameter.
     """
     load = grid.load
     packing = grid.cases[0].packing
@@ -496,7 +498,7 @@ def tabulate(
 
 def find_dataset(result: Any) -> Dataset | None:
     """Return the data set of states that a ``result`` is, or has as its attribute ``dataset``; None
-    for a result without such a data set, which has a variable ``valid``. Raises InputError if a
+    for a result without one. A data set of states has a variable ``valid``. Raises InputError if a
     variable is not in SI units.
     """
     dataset: Dataset = getattr(result, "dataset", result)
@@ -542,8 +544,8 @@ def find_energy_errors(motion: Any, data: Dataset | None) -> dict[str, Any]:
 
 
 def find_load(dataset: Dataset) -> str:
-    """Return the kind of load that was applied: the name of a coordinate along the loads, by
-    default "force".
+    """Return the kind of load that was applied to the states of a ``dataset``: the name of its
+    coordinate along the loads, "force" if no such coordinate is a kind of load.
     """
     for name in LOAD_KINDS:
         if name in dataset.coords and dataset[name].dims == ("load",):
@@ -552,11 +554,11 @@ def find_load(dataset: Dataset) -> str:
 
 
 def list_finite_overlap(dataset: Dataset) -> list[bool | None]:
-    """Return for each medium of a data set whether its states have finite overlap; None if some
+    """Return for each medium of a ``dataset`` whether its states have finite overlap; None if some
     have it and others have not.
 
-    Where a data set does not tell this of a medium, its attribute ``finite_overlap`` tells it of
-    all media; without this attribute no state has finite overlap.
+    Where the data set does not tell this of a medium, the attribute ``finite_overlap``, which is of
+    all media, stands in; without this attribute no state has finite overlap.
     """
     default = bool(dataset.attrs.get("finite_overlap", 0))
     overlap_of_media = json.loads(dataset.attrs.get(OVERLAP_OF_MEDIA, "{}"))
@@ -636,8 +638,9 @@ def fill(frame: Dataset, grid: Grid, results: list[TaskResult]) -> Dataset:
 
 
 def _stack_shared(frame: Dataset, grid: Grid, results: Sequence[TaskResult]) -> dict[str, Any]:
-    """Return the variables that all ``results`` have, by name, each as its dimensions, values and
-    attributes. The load, a coordinate, is not among them, nor are the notes.
+    """Return the variables that all ``results`` have, one for each case of the ``grid``, by name,
+    each as its dimensions, values and attributes. The load, a coordinate of the ``frame``, is not
+    among them, nor are the notes.
     """
     packing = grid.cases[0].packing
     # the array of a variable has room for no case without the variable
@@ -665,8 +668,8 @@ def _join_edge_waves(grid: Grid, results: Sequence[TaskResult]) -> list[str]:
 def _label_sensitivities(
     grid: Grid, derivatives: tuple[tuple[str, ...], Array, dict[str, str]], edge_waves: list[str]
 ) -> tuple[dict[str, Array], tuple[tuple[str, ...], Array, dict[str, str]]]:
-    """Return the labels of the last two axes of the variable ``derivatives``, by dimension, and the
-    variable.
+    """Return the labels of the last two axes of the variable ``derivatives`` of a ``grid``, by
+    dimension, and the variable.
 
     A variable consists of dimensions, values and attributes. The values are (..., quantities,
     parameters). The labels are the names of the quantities, the last of which are ``edge_waves``,
@@ -694,9 +697,10 @@ def _label_sensitivities(
 def _stack(
     name: str, frame: Dataset, grid: Grid, results: Sequence[TaskResult]
 ) -> tuple[tuple[str, ...], Array]:
-    """Return the dimensions and the values of the variable ``name`` of all cases, each (loads, ...)
-    in its result. The axes of the values are loads, media, the parameters in their order,
-    directions where the variable has them, and the variable's own dimensions.
+    """Return the dimensions and the values of the variable ``name`` of all cases of the ``grid``,
+    each (loads, ...) in one of the ``results``. The axes of the values are loads, media, the
+    parameters in their order, directions where the variable has them and the ``frame`` has several,
+    and the variable's own dimensions.
     """
     axes = grid.axes
     counts = [len(axis.values) for axis in axes]
@@ -715,7 +719,8 @@ def _stack(
 
 
 def _fill_errors(grid: Grid, results: Sequence[TaskResult]) -> None:
-    """Add to the ``results``, in place, the standard errors that some of them lack and others have.
+    """Add to the ``results`` of the cases of a ``grid``, in place, the standard errors that some of
+    them lack and others have.
 
     The error at a load is zero for a medium that samples nothing and for equal balls. For simulated
     arrays of balls that differ the error is not known, as of a single sample, and is nan.
@@ -759,9 +764,10 @@ def _pad_uneven(results: Sequence[TaskResult]) -> None:
 
 
 def _fill_choices(grid: Grid, results: Sequence[TaskResult]) -> None:
-    """Add to each result, in place, the label of the medium that serves each load (loads,), and the
-    expected relative error of that medium (loads,), +inf where none is known. Nothing is added
-    unless a medium of the sweep was chosen automatically.
+    """Add to each of the ``results`` of the cases of a ``grid``, in place, the label of the medium
+    that serves each load, "choice" (loads,), and the expected relative error of that medium,
+    "expected_error" (loads,), +inf where none is known. Nothing is added unless a medium of the
+    sweep was chosen automatically.
     """
     serving_media = [serving for case in grid.cases for serving in case.serving_media]
     if not any(serving.chosen_automatically for serving in serving_media):
@@ -840,25 +846,29 @@ def _explain_missing(result: TaskResult, missing: Sequence[str]) -> str:
 
 
 def _may_be_missing(name: str) -> bool:
-    """Whether a variable is nan in the cases of a sweep that lack it, if other cases have it."""
+    """Whether the variable ``name`` is nan in those cases of a sweep that lack the variable, if
+    other cases have it.
+    """
     return name == "pressure" or _find_cost(name) in ("velocities", *WAVE_COSTS)
 
 
 def _is_of_sound(name: str) -> bool:
-    """Whether a variable is found from the velocities of sound."""
+    """Whether the variable ``name`` is found from the velocities of sound."""
     return _find_cost(name) == "velocities"
 
 
 def _find_cost(name: str) -> str:
-    """Return the ``cost`` of a variable in the catalogue, the word for what the variable is found
-    from, such as "velocities" or "spectrum"; empty for a variable that is no observable.
+    """Return the ``cost`` of the variable ``name`` in the catalogue, the word for what the variable
+    is found from, such as "velocities" or "spectrum"; empty for a variable that is no observable.
     """
     entry = CATALOGUE.get(name)
     return entry.cost if entry else ""
 
 
 def _list_attributes(name: str, values: Array, packing: Balls) -> dict[str, str]:
-    """Return the attributes of a variable: its title, and its unit if it has numbers."""
+    """Return the attributes of the variable ``name`` of a ``packing``: its title, and its unit if
+    the ``values`` are numbers.
+    """
     entry = entry_of(name, packing)
     attributes = {"long_name": entry.title}
     if entry.unit and values.dtype.kind in "iuf":
@@ -875,7 +885,7 @@ def file_names(path: Path) -> list[str]:
 
 
 def netcdf_bytes(dataset: Dataset) -> bytes:
-    """Return the bytes of a netCDF file of the data set, made in memory because HDF5 does not
+    """Return the bytes of a netCDF file of the ``dataset``, made in memory because HDF5 does not
     survive a full disk. Raises :class:`~granphon.base.errors.MissingPackageError` without h5netcdf
     or xarray.
     """
@@ -892,7 +902,7 @@ def netcdf_bytes(dataset: Dataset) -> bytes:
 
 
 def open_bytes(data: bytes) -> Dataset:
-    """Read the data set of a netCDF file that is given as bytes into memory.
+    """Return the data set of a netCDF file whose bytes are ``data``, read into memory.
 
     Raises ValueError if the file refers to other files, or unpacks to more than
     :data:`_MOST_BYTES`; MissingPackageError without h5py or xarray; and whatever HDF5, h5netcdf and
@@ -903,7 +913,9 @@ def open_bytes(data: bytes) -> Dataset:
         from xarray import open_dataset
 
     def require_inside(_: str, item: Any) -> None:
-        """Raise ValueError if a group or a data set of the file refers to another file."""
+        """Raise ValueError if an ``item`` of the file, a group or a data set, refers to another
+        file; h5py gives its name too.
+        """
         keys = item if isinstance(item, h5py.Group) else ()
         links = [item.get(key, getlink=True) for key in keys]
         has_outer_link = any(isinstance(link, h5py.ExternalLink) for link in links)
@@ -923,7 +935,8 @@ def open_bytes(data: bytes) -> Dataset:
 
 
 def write_sweep(dataset: Dataset, path: Path) -> None:
-    """Write the netCDF file ``path``, and the table of the same name beside it.
+    """Write a ``dataset`` into the netCDF file ``path``, and the table of the same name beside it;
+    both replace what is there.
 
     The file carries two digests. The first, an attribute, is that of the numbers; it stays if
     another program rewrites the file. The second is that of all bytes of the netCDF file and stands
@@ -937,8 +950,9 @@ def write_sweep(dataset: Dataset, path: Path) -> None:
 
 
 def _write_states(dataset: Dataset, path: Path) -> None:
-    """Write the table ``path`` of the variables with one number for each state, or for each state
-    and direction of sound: a row for each load, medium, combination of parameters and direction.
+    """Write the table ``path`` of the variables of a ``dataset`` with one number for each state, or
+    for each state and direction of sound: a row for each load, medium, combination of parameters
+    and direction.
     """
     state_dims = dataset["valid"].dims
     row_dims = state_dims
@@ -966,8 +980,8 @@ def _digest_values(values: Array) -> tuple[str, Any]:
 
 
 def _digest_numbers(dataset: Dataset) -> str:
-    """Return the digest of the names, dimensions, types, numbers and attributes of a data set; the
-    digest does not depend on how the file stores these.
+    """Return the digest of the names, dimensions, types, numbers and attributes of a ``dataset``;
+    the digest does not depend on how the file stores these.
     """
     variables = dict[str, list[Any]]()
     for name, variable in dataset.variables.items():
@@ -986,9 +1000,9 @@ def _digest_numbers(dataset: Dataset) -> str:
 def write_waves(
     dataset: Dataset, path: Path, wave_dims: Sequence[str], *, numbered: bool = False
 ) -> None:
-    """Write the table ``path`` of the variables that have the last of the dimensions ``wave_dims``,
-    and no others beside it than the rest of these and those of the states; a row for each point of
-    all of these dimensions.
+    """Write the table ``path`` of those variables of a ``dataset`` that have the last of the
+    dimensions ``wave_dims``, and no others beside it than the rest of these and those of the
+    states; a row for each point of all of these dimensions.
 
     ``numbered`` is for ``wave_dims`` without coordinates in the data set: columns of their indices,
     from zero, then tell rows apart.
@@ -1009,8 +1023,8 @@ def write_waves(
 
 
 def write_edge_waves(dataset: Dataset, file: Path) -> None:
-    """Write the table ``file`` of the waves of an edge: a row for each wave in every state, with
-    its wave vector and the distance along the path.
+    """Write the table ``file`` of the waves of an edge in a ``dataset``: a row for each wave in
+    every state, with its wave vector and the distance along the path.
     """
     wave_dims = ("surface_point", "surface_wave")
     distances = dataset["surface_distance"]
@@ -1032,10 +1046,10 @@ def _write_rows(
     columns: Sequence[Any],
     row_variable: str | None = None,
 ) -> None:
-    """Write the table ``path`` with a row for each point of the grid of the dimensions ``dims``, of
-    which the last runs fastest. A row has the load, the medium and the parameters, and then the
-    variables or coordinates ``columns``, with all digits. Points at which the ``row_variable``, one
-    of the columns, is nan have no row.
+    """Write the table ``path`` of a ``dataset``, with a row for each point of the grid of the
+    dimensions ``dims``, of which the last runs fastest. A row has the load, the medium and the
+    parameters, and then the variables or coordinates ``columns``, with all digits. Points at which
+    the ``row_variable``, one of the columns, is nan have no row.
     """
     load = find_load(dataset)
     state_dims = dataset["valid"].dims
@@ -1107,7 +1121,9 @@ def _read_checked(path: str | os.PathLike[str]) -> tuple[bytes, bool]:
 
 
 def _require_sweep(path: str | os.PathLike[str], dataset: Dataset) -> None:
-    """Raise InputError unless a data set is a whole sweep in the schema that is read."""
+    """Raise InputError unless a ``dataset``, read from the file ``path``, is a whole sweep in the
+    schema that is read.
+    """
     file_format = dataset.attrs.get("format")
     # an attribute of a file may be an array, whose comparison would have no truth value
     if not isinstance(file_format, str) or file_format != FORMAT:
@@ -1123,8 +1139,8 @@ def _require_sweep(path: str | os.PathLike[str], dataset: Dataset) -> None:
 
 
 def _require_plausible(path: str | os.PathLike[str], dataset: Dataset) -> None:
-    """Raise InputError if a variable or an attribute of a file without a digest cannot be of a
-    sweep.
+    """Raise InputError if a variable or an attribute of a ``dataset``, read from the file ``path``
+    without a digest, cannot be of a sweep.
     """
     for name, kind in _JSON_TYPES.items():
         if name in dataset.attrs and not _is_json_of(kind, dataset.attrs[name]):
@@ -1148,7 +1164,7 @@ def _require_plausible(path: str | os.PathLike[str], dataset: Dataset) -> None:
 
 
 def _is_json_of(kind: type, text: Any) -> bool:
-    """Whether an attribute is a JSON text of a value of the type ``kind``."""
+    """Whether ``text``, an attribute, is a JSON text of a value of the type ``kind``."""
     try:
         return isinstance(json.loads(text), kind)
     except (TypeError, ValueError, RecursionError):
@@ -1156,7 +1172,7 @@ def _is_json_of(kind: type, text: Any) -> bool:
 
 
 def _is_quantity(name: str, values: Array) -> bool:
-    """Whether the ``values`` of a variable must be numbers of a known quantity."""
+    """Whether the ``values`` of the variable ``name`` must be numbers of a known quantity."""
     if name in ("torsion", "direction") and values.dtype.kind in "OUT":
         return False  # "mindlin" is among the values of torsion; directions are named
     has_unit = name in CATALOGUE and bool(CATALOGUE[name].unit)
@@ -1164,8 +1180,8 @@ def _is_quantity(name: str, values: Array) -> bool:
 
 
 def _find_fault(name: str, values: Array, *, may_lack: bool, may_pull: bool) -> str:
-    """Return words for the first of the ``values`` of a variable that cannot be of a sweep, and for
-    the bounds of the variable; an empty text if all values can be.
+    """Return words for the first of the ``values`` of the variable ``name`` that cannot be of a
+    sweep, and for the bounds of the variable; an empty text if all values can be.
 
     Standard errors, waves and registered observables may be nan, and with ``may_lack`` velocities,
     moduli and pressures too; variables of :data:`_MAY_BE_INFINITE` may be +inf. With ``may_pull``
@@ -1205,8 +1221,8 @@ def _explain_unreadable(path: str | os.PathLike[str], why: str) -> InputError:
 
 
 def _require_openable(path: str | os.PathLike[str], data: bytes) -> None:
-    """Raise InputError if the ``data`` of a file without a digest are not those of a netCDF-4 file,
-    or cannot be opened.
+    """Raise InputError if the ``data`` of the file ``path``, which has no digest, are not those of
+    a netCDF-4 file, or cannot be opened.
 
     A separate process tries to open the data, for at most :data:`TRIAL_SECONDS`: on a damaged file
     HDF5 may hang, or crash.
@@ -1343,7 +1359,7 @@ class SweepAccessor:
 
 
 def _require_over_loads(dataset: Dataset, name: str) -> None:
-    """Raise InputError unless a data set has a variable ``name`` of numbers along its loads."""
+    """Raise InputError unless a ``dataset`` has a variable ``name`` of numbers along its loads."""
     names = [
         str(variable)
         for variable, values in dataset.variables.items()

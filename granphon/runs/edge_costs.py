@@ -34,8 +34,8 @@ _TIMED_FREQUENCIES = 128
 
 
 def estimate_edge(serving: ServingMedium, settings: SurfaceSettings) -> costs.Cost:
-    """Return the estimated memory and time of the waves of an edge along its path, at all loads of
-    a medium that simulates no arrays.
+    """Return the estimated memory and time of the waves of an edge along its path, with the points
+    of the ``settings``, at all loads of a medium, ``serving``, that simulates no arrays.
     """
     from granphon.phonons.surfaces import estimate_waves_memory
 
@@ -51,8 +51,8 @@ def estimate_edge(serving: ServingMedium, settings: SurfaceSettings) -> costs.Co
 
 
 def estimate_map(serving: ServingMedium, settings: SurfaceSettings) -> costs.Cost:
-    """Return the estimated time of the spectra of an edge along its path, for a medium that
-    simulates no arrays and has one load.
+    """Return the estimated time of the spectra of an edge along its path, with the points of the
+    ``settings``, for a medium, ``serving``, that simulates no arrays and has one load.
     """
     from granphon.phonons.surfaces import N_FREQUENCIES
 
@@ -63,14 +63,17 @@ def estimate_map(serving: ServingMedium, settings: SurfaceSettings) -> costs.Cos
 
 
 def _count_points(serving: ServingMedium, settings: SurfaceSettings) -> int:
-    """Return the number of wave vectors on the path along an edge."""
+    """Return the number of wave vectors on the path along an edge of the lattice of a medium,
+    ``serving``, with the points of each segment that the ``settings`` have.
+    """
     n_segments = _SEGMENTS[serving.packing.structure.dimension - 1]
     return 1 + n_segments * (settings.points - 1)
 
 
 def _describe_layer(serving: ServingMedium) -> tuple[int, int, bool]:
-    """Return what the time of the waves of an edge depends on: the dimension of the lattice, the
-    number of balls in a layer, which is as thick as a cell, and whether there is friction.
+    """Return what the time of the waves of an edge depends on, of a medium, ``serving``: the
+    dimension of the lattice, the number of balls in a layer, which is as thick as a cell, and
+    whether there is friction.
     """
     structure = serving.packing.structure
     return structure.dimension, structure.n_balls, serving.packing.friction
@@ -115,8 +118,9 @@ def _measure_spectrum(dimension: int, n_balls: int, friction: bool) -> float:
 
 
 def _make_surface(dimension: int, n_balls: int, friction: bool) -> tuple[Any, int]:
-    """Return the free edge, across the last axis, of a crystal that is timed, and the number of
-    balls in a layer of this crystal: ``n_balls``, but at most :data:`_TIMED_LAYER`.
+    """Return the free edge, across the last axis, of a crystal that is timed, in ``dimension``
+    dimensions and with or without ``friction``, and the number of balls in a layer of this crystal:
+    ``n_balls``, but at most :data:`_TIMED_LAYER`.
     """
     from granphon.phonons.surfaces import Surface  # others do not need surfaces
 
@@ -127,8 +131,9 @@ def _make_surface(dimension: int, n_balls: int, friction: bool) -> tuple[Any, in
 
 
 def make_crystal(dimension: int, cells: tuple[int, ...], friction: bool) -> Crystal:
-    """Return a crystal of equal balls, without a load, whose times are measured; it has ``cells``
-    along each of its periods.
+    """Return a crystal of equal balls, without a load, whose times are measured, on a lattice in
+    ``dimension`` dimensions, with or without ``friction``; it has ``cells`` (``dimension``,) along
+    its periods.
     """
-    ball = Ball(Material(1e9, 0.3, 1e3), 1e-2)
+    ball = Ball(Material(1e9, 0.3, 1e3), 1e-2)  # any ball: times do not depend on its numbers
     return Crystal.on(_LATTICES[dimension], [ball], friction=friction).repeat(cells)

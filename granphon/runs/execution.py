@@ -149,8 +149,8 @@ def solve_all(
 
     Parameters
     ----------
-    label : name of the work for ``progress``, which is told of each step once its result has been
-        kept.
+    label : name of the work for ``progress``.
+    progress : is told of each step once its result has been kept.
     tasks : the tasks; those whose results ``store`` holds are not done again, nor are steps that it
         holds.
     executor : any executor with the interface of :class:`concurrent.futures.Executor`, such as that
@@ -159,9 +159,10 @@ def solve_all(
 
     An error of a task is raised as it is. A task whose worker is lost is done again; if three
     workers are lost with a task, or if the executor takes no more work then,
-    :class:`~granphon.base.errors.GranphonError` names the task. After an error, and on an
-    interruption, results that come within half a second are kept, and calls that have not begun by
-    then are cancelled.
+    :class:`~granphon.base.errors.GranphonError` names the task. A store that cannot be written
+    raises :class:`~granphon.base.errors.OutputError`. After an error, and on an interruption,
+    results that come within half a second are kept, and calls that have not begun by then are
+    cancelled.
     """
     # A store of the caller stays open.
     opened_store = closing(Store()) if store is None else nullcontext(store)

@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 
 from granphon.base.errors import FileExistsInRunError, InputError, OutputError, brief
 from granphon.base.staging import has_locks
-from granphon.base.text import show
+from granphon.base.text import require_path, show
 
 #: the result of a task, or of its first steps; no array holds Python objects
 TaskResult = dict[str, NDArray[Any]]
@@ -112,7 +112,7 @@ def read_entries(path: str | os.PathLike[str]) -> Iterator[tuple[str, TaskResult
     and OutputError if the file cannot be read, is no store, or is damaged.
     """
     os.stat(path)  # raises FileNotFoundError, where a store would count as empty
-    store = Store(Path(path))
+    store = Store(path)
     try:
         for name in store.names:
             result = store.read(name)
@@ -138,11 +138,15 @@ class Store:
     work discard its results.
     """
 
-    def __init__(self, path: Path | None = None, force: bool = False) -> None:
-        """Set up a store, which opens no file yet."""
-        self.path = path
-        self.force = force
+    def __init__(self, path: str | os.PathLike[str] | None = None, force: bool = False) -> None:
+        """Set up a store, which opens no file yet; raises
+        :class:`~granphon.base.errors.InputError` for what is no path.
+        """
         self._base: sqlite3.Connection | None = None
+        if path is not None:
+            require_path(path)
+        self.path = None if path is None else Path(path)
+        self.force = force
         #: the identity that is to be written with the next result, as JSON
         self._pending: str | None = None
         #: device and inode of the folder that was claimed, and of the file that is open
@@ -221,8 +225,8 @@ class Store:
         return bool(self._query("SELECT 1 FROM task WHERE name = ? LIMIT 1", name))
 
     def read(self, name: str) -> TaskResult | None:
-        """Return the result of the task of this name or of its first steps; None for no result, or
-        a damaged one.
+        """Return the result of the task of this name or of its first steps; None for no result, for
+        a damaged one, and if the file cannot be read.
         """
         with suppress(Exception):  # whatever fails is in the file
             return decode(self._read(name))
@@ -241,8 +245,8 @@ class Store:
         return entry
 
     def append(self, name: str, entry: bytes) -> None:
-        """Keep the ``entry`` that :func:`encode` has made of the result of the task ``name``; from
-        then on a kill of the process does not lose the result.
+        """Keep the ``entry`` that :func:`encode` has made of the result of the task ``name``, which
+        is not empty; from then on a kill of the process does not lose the result.
 
         Raises :class:`~granphon.base.errors.OutputError` if the file cannot be written, or has been
         removed or replaced: only the process that has locked its folder may write there.

@@ -59,9 +59,9 @@ class CaseNotes:
         return {"medium": self.case.medium.label, **dict(self.case.values)}
 
     def find_failing(self, check: Check) -> NDArray[np.intp] | None:
-        """Return the indices, ascending, of the loads at which a condition fails; None where the
-        condition has another number of values than there are loads, so that it is not known to
-        which loads the values belong.
+        """Return the indices, ascending, of the loads at which the condition ``check`` fails; None
+        where the condition has another number of values than there are loads, so that it is not
+        known to which loads the values belong.
         """
         is_failing = ~np.ravel(check.ok)
         order = np.arange(self.n_loads) if self.loads is None else self.loads
@@ -105,7 +105,7 @@ def tell_notes(entries: Sequence[CaseNotes]) -> list[str]:
 
 
 def _tell_case(entry: CaseNotes) -> list[str]:
-    """Return the warnings of the only case of a sweep, or of a single state."""
+    """Return the warnings of an ``entry`` on the only case of a sweep, or on a single state."""
     texts = list[str]()
     for note in entry.notes:
         text: str | None = None
@@ -126,7 +126,7 @@ def _find_force_unit(case: Case) -> str:
 
 
 def _find_place(entry: CaseNotes, check: Check) -> str:
-    """Return in words the loads at which a condition on the case of an entry fails. The text is
+    """Return in words the loads at which the condition ``check`` of an ``entry`` fails. The text is
     empty if the condition fails at none or at all of the loads, if the loads are not known, or if
     the condition's own text names them.
     """
@@ -225,7 +225,9 @@ def _describe_worst(entry: CaseNotes, index: int | None, entries: Sequence[CaseN
 
 
 def _write_value(name: str, text: str) -> str:
-    """Return a value after the name of its parameter, which a medium does not need."""
+    """Return a value of a parameter, ``text``, after the ``name`` of the parameter, which a medium
+    does not need.
+    """
     return text if name == "medium" else f"{name} {text}"
 
 

@@ -263,8 +263,8 @@ class PlannedCase:
 
 
 def _note_limits(planned: PlannedCase) -> CaseNotes:
-    """Return the notes on those states of a case that are quick to find: the conditions of
-    validity, each joined over the media, and the indices of the loads of these states.
+    """Return the notes on those states of a ``planned`` case that are quick to find: the conditions
+    of validity, each joined over the media, and the indices of the loads of these states.
     """
     checks: dict[Any, Check] = {}
     loads = []
@@ -738,7 +738,9 @@ class Plan:
     def _do(
         self, run: SweepRun, executor: Executor | None, progress: Progress, store: Store | None
     ) -> Dataset:
-        """Return the data set of a ``run``, whose tasks are done, see :meth:`SweepRun.do`."""
+        """Do the tasks of a ``run``, as :meth:`SweepRun.do` does with the same arguments, and
+        return their data set.
+        """
         if not self.has_tasks:
             _ = self.state()  # first, so that its errors are placed at the load
         return run.join(run.do(executor, progress, store))
@@ -980,10 +982,9 @@ class Plan:
 
         structure = self.grid.packing.structure
         n_points = math.prod(choose_gap_mesh(structure.n_balls, structure.periods))
-        n_states = self.n_cases * self.grid.load.size
         estimate = partial(
             costs.band_edges,
-            n_states,
+            self.n_states,
             n_points,
             self.n_branches,
             of_network=self.grid.packing.is_network,
@@ -1019,7 +1020,8 @@ def _describe_once(total: Cost) -> Cost:
 
 def _estimate_waves(medium: DirectSimulation, load: Load, settings: WaveSettings) -> Iterator[Cost]:
     """Yield, for each value of the ``load``, the estimated memory and time of the density of
-    states, spectral functions and pulses of a simulation, all samples together.
+    states, spectral functions and pulse of the ``settings`` in the arrays of a simulation,
+    ``medium``, all samples together.
     """
     packing = medium.packing
     structure = medium.packing.structure
@@ -1131,7 +1133,8 @@ def _count_spectrum_products(
     medium: DirectSimulation, spectrum: SpectrumSettings, path: Any, top: float
 ) -> float:
     """Return the number of products of the dynamical matrix with a vector for the spectral
-    functions of one sample along the pieces of a ``path``; ``top`` is the greatest frequency, Hz.
+    functions of a ``spectrum`` in one sample of a simulation, ``medium``, along the pieces of a
+    ``path``; ``top`` is the greatest frequency, Hz.
     """
     # each point of the path becomes the nearest wave vector that the array has, of which there are
     # as many along a leg as cells
@@ -1167,9 +1170,9 @@ def _measure_product(network: ContactNetwork, balls: int) -> float:
 
 
 def _estimate_response(serving: ServingMedium, settings: ResponseSettings) -> Cost | None:
-    """Return the estimated memory and time of the responses of a medium at all its loads, in all
-    samples. None if no state of the medium is quickly found, or if the network, repeated and cut,
-    has more than :data:`QUICK_BALLS` balls.
+    """Return the estimated memory and time of the responses of the ``settings`` in the networks of
+    a medium, ``serving``, at all its loads, in all samples. None if no state of the medium is
+    quickly found, or if the network, repeated and cut, has more than :data:`QUICK_BALLS` balls.
 
     Raises :class:`~granphon.base.errors.ConvergenceError` for a response that would be refused.
     """
@@ -1205,8 +1208,9 @@ def _estimate_response(serving: ServingMedium, settings: ResponseSettings) -> Co
 
 
 def _estimate_motion(serving: ServingMedium, settings: MotionSettings) -> Cost | None:
-    """Return the estimated memory and time of the motions of a medium at all its loads, in all
-    samples; None if no state of the medium is quickly found.
+    """Return the estimated memory and time of the motions of the ``settings`` in the networks of a
+    medium, ``serving``, at all its loads, in all samples; None if no state of the medium is quickly
+    found.
 
     Raises :class:`~granphon.base.errors.InputError` for more steps than any motion may have.
     """

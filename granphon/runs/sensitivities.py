@@ -149,7 +149,8 @@ class _AtWall(NamedTuple):
 
 def list_quantities(balls: Balls, *, has_cutoffs: bool) -> list[str]:
     """Return the names of the quantities of which derivatives are found: velocities and moduli, and
-    with ``has_cutoffs`` the lower cut-off frequencies of all branches and then the upper ones.
+    with ``has_cutoffs`` the lower cut-off frequencies of all branches of the lattice of ``balls``
+    and then the upper ones.
     """
     quantities = [
         name
@@ -177,8 +178,9 @@ def observe_sensitivities(
     surface: SurfaceSettings | None,
 ) -> tuple[TaskResult, list[str]]:
     """Return the logarithmic derivatives (loads, quantities, parameters) of the quantities of
-    :func:`list_quantities` by the names of :class:`Parameters`, in the medium that serves a
-    ``load``; and notes on derivatives that are left out.
+    :func:`list_quantities`, with ``has_cutoffs``, by the names of :class:`Parameters`, in the
+    medium that serves a ``load``, ``serving``, with or without ``finite_overlap``; and notes on
+    derivatives that are left out.
 
     A derivative is nan if the state does not have the quantity, if the quantity is zero, or if the
     parameter cannot change. A derivative up to :data:`_ROUNDING` is zero. Velocities are those of
@@ -225,8 +227,9 @@ def _find_slopes(
     finite_overlap: bool,
 ) -> Array:
     """Return the logarithmic derivatives (names, values) of the values that ``finder`` finds of the
-    state at a single ``load``, by those of the ``parameters`` that are called ``names``. A
-    derivative up to :data:`_ROUNDING` is zero.
+    state at a single ``load`` in the medium ``serving``, with or without ``finite_overlap``, by
+    those of the ``parameters`` that are called ``names``. A derivative up to :data:`_ROUNDING` is
+    zero.
     """
     sensitivities = find_parameter_sensitivities(
         serving.medium,
@@ -351,8 +354,8 @@ class _Quantities:
             return {}
 
     def _find_cutoffs(self, state: Any) -> Array:
-        """Return the lower and the upper cut-off frequency of each branch, (n_branches, 2), Hz; at
-        the first call their wave vectors are sought in the zone, and kept.
+        """Return the lower and the upper cut-off frequency of each branch of a ``state``,
+        (n_branches, 2), Hz; at the first call their wave vectors are sought in the zone, and kept.
         """
         from granphon.phonons.phonons import find_phonons  # other runs do not need phonons
 
@@ -428,8 +431,9 @@ class _EdgeWaves:
 def estimate_derivatives(
     serving: ServingMedium, *, has_cutoffs: bool, surface: SurfaceSettings | None
 ) -> costs.Cost:
-    """Return the estimated memory and time of the derivatives of the states of a medium that
-    simulates no arrays, at all its loads; memory and time of the states are not included.
+    """Return the estimated memory and time of the derivatives of the states of a medium,
+    ``serving``, that simulates no arrays, at all its loads; memory and time of the states are not
+    included.
 
     Each value of a difference takes the velocities and moduli of one network, with ``has_cutoffs``
     the frequencies at the wave vectors of both ends of all branches, and with a ``surface`` the

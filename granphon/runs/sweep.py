@@ -110,8 +110,9 @@ def sweep(
         ``dos`` says whether to find the density of states of the array. ``spectrum`` is a mapping
         for spectral functions, with the keys ``polarisation``, ``resolution`` (Hz), ``points`` of a
         leg and ``path``, such as "GM", by default that of the lattice. ``pulse`` is a mapping for a
-        pulse along the direction, with the keys ``frequency`` (Hz), ``distance`` (m), ``cycles``,
-        ``polarisation``, ``source``, ``ends``, ``damping`` (s).
+        pulse along the direction, with the keys of :class:`~granphon.PulseSettings`, ``frequency``
+        (Hz), ``distance`` (m), ``cycles``, ``polarisation``, ``source``, ``ends``, and the losses
+        ``damping`` (s), ``drag`` (1/s), ``dashpot`` (N s/m) and ``restitution``.
     response, motion, modes : what to find of the network of each state, with the keys that
         :class:`~granphon.ResponseSettings`, :class:`~granphon.MotionSettings` and
         :class:`~granphon.ModesSettings` have, in SI units.
@@ -133,40 +134,40 @@ def sweep(
         {"wall.young_modulus": [...]}, and of springs to the ground, ``on_site`` of all
         displacements, N/m, {"on_site.rotation": [...]}, N m, and the like; a wall in a cut of the
         response, motion or modes has the name of the block before it,
-        {"response.wall.young_modulus": [...]}. The losses ``damping``,
-        s, ``loss_factor``, ``drag``, 1/s, ``dashpot``, N s/m, and ``restitution`` stand for those
-        of the response, motion and pulse, which then do not give them; ``tangential_damping``,
+        {"response.wall.young_modulus": [...]}. The losses ``damping``, s, ``loss_factor``,
+        ``drag``, 1/s, ``dashpot``, N s/m, and ``restitution`` stand for those of the response,
+        motion and pulse, which then do not give them; ``tangential_damping``,
         ``tangential_loss_factor``, ``rotational_drag`` and ``tangential_dashpot`` are the second of
-        a pair. A ``width`` (W, m) scales
-        the spread and keeps its shape, which is uniform if the packing has no spread; a
-        ``diameter`` leaves the spread as it is. Lattices must have the same number of periods.
+        a pair. A ``width`` (W, m) scales the spread and keeps its shape, which is uniform if the
+        packing has no spread; a ``diameter`` leaves the spread as it is. Lattices must have the
+        same number of periods.
 
     Returns
     -------
     Dataset of dimensions load, medium, then the parameters in the order given, with ``units`` and
     ``long_name`` of each variable: the state's attributes, ``valid``, ``regime``, ``longitudinal``
     and ``transverse`` (m/s, along the direction; in space and on a chain that moves across itself
-    ``transverse_slow`` and ``transverse_fast``), ``bulk`` and ``shear`` (Pa; N on a line; the
-    ``tensor`` in Voigt order if a lattice is not isotropic), ``exponent`` and its standard error
-    over samples ``exponent_error``, zero for media that sample nothing and nan for one sample; if a
-    simulation has several samples, ``longitudinal_error``, ``transverse_error``, ``bulk_error``,
-    ``shear_error``, ``tensor_error``, zero for other media and nan for one sample; of square and
-    cubic lattices the ``anisotropy``; if all media are simulations, ``contact_force_fluctuation``,
-    and if all of them are loaded with friction, ``sliding_fraction``, ``tangential_ratio``,
-    ``work`` and ``dissipated_energy``; if one is "auto", the ``choice`` at each load, and its
-    ``expected_error`` (+inf where it is not known); velocities and moduli that balls with some of
-    the swept motions do not have are nan there, and the warnings say which; with bands
-    ``frequencies`` (..., segment, point, branch) in Hz; with gaps ``gap_lower`` and ``gap_upper``
-    (..., gap) in Hz by the number of branches below, nan where there is no gap, and
-    ``top_frequency``; with cutoffs ``cutoff_lower`` and ``cutoff_upper`` (..., branch) in Hz; with
-    onsets ``onset_frequency``, Hz, and ``onset_curvature``, m^2/s, (..., branch), and
-    ``onset_gap``, Hz; of waves in simulated arrays means over samples with standard errors:
-    ``dos_total`` (..., node) over ``dos_frequency``, ``line_frequency``, ``line_width``,
+    ``transverse_slow`` and ``transverse_fast``, of a plane that moves out of itself
+    ``out_of_plane``, of a chain that turns about itself ``twist``), ``bulk`` and ``shear`` (Pa; N
+    on a line; the ``tensor`` in Voigt order if a lattice is not isotropic), ``exponent`` and its
+    standard error over samples ``exponent_error``, zero for media that sample nothing and nan for
+    one sample; if a simulation has several samples, ``longitudinal_error``, ``transverse_error``,
+    ``bulk_error``, ``shear_error``, ``tensor_error``, zero for other media and nan for one sample;
+    of square and cubic lattices the ``anisotropy``; if all media are simulations,
+    ``contact_force_fluctuation``, and if all of them are loaded with friction,
+    ``sliding_fraction``, ``tangential_ratio``, ``work`` and ``dissipated_energy``; if one is
+    "auto", the ``choice`` at each load, and its ``expected_error`` (+inf where it is not known);
+    velocities and moduli that balls with some of the swept motions do not have are nan there, and
+    the warnings say which; with bands ``frequencies`` (..., segment, point, branch) in Hz; with
+    gaps ``gap_lower`` and ``gap_upper`` (..., gap) in Hz by the number of branches below, nan where
+    there is no gap, and ``top_frequency``; with cutoffs ``cutoff_lower`` and ``cutoff_upper`` (...,
+    branch) in Hz; with onsets ``onset_frequency``, Hz, and ``onset_curvature``, m^2/s, (...,
+    branch), and ``onset_gap``, Hz; of waves in simulated arrays means over samples with standard
+    errors: ``dos_total`` (..., node) over ``dos_frequency``, ``line_frequency``, ``line_width``,
     ``phase_velocity``, ``mean_free_path`` and ``attenuation`` (..., polarisation, wavevector),
     ``ioffe_regel_longitudinal`` and the like, ``pulse_velocity``, ``time_of_flight``,
-    ``coherent_fraction``, nan where a warning says why. Loads are a coordinate
-    under their own name. ``attrs`` holds versions, packing, media and the warnings of validity, as
-    JSON.
+    ``coherent_fraction``, nan where a warning says why. Loads are a coordinate under their own
+    name. ``attrs`` holds versions, packing, media and the warnings of validity, as JSON.
 
     Raises
     ------
@@ -174,10 +175,10 @@ def sweep(
         twice, a value that makes no packing, bands over parameters that change the number of
         branches, finite overlap of "auto" or of a simulation in the directions of the lattice,
         lattices of different dimension, waves of media that are no simulations or that an array
-        does not have, a pulse in several directions, ``labels`` or ``npoints`` without bands, an
-        executor without ``submit``, a ``progress`` without ``step``, a ``store`` of another class,
-        a ``path`` that does not end in .nc, ``resume`` without a path, and ``resume`` or
-        ``overwrite`` that is no truth value.
+        does not have, a pulse or onsets in several directions, ``labels`` or ``npoints`` without
+        bands, an executor without ``submit``, a ``progress`` without ``step``, a ``store`` of
+        another class, a ``path`` that is no path or does not end in .nc, ``resume`` without a path,
+        and a flag, such as ``gaps`` or ``overwrite``, that is no truth value.
     MechanismError : a lattice is a mechanism; raised before anything is computed. With bands, gaps,
         cutoffs or onsets, velocities and moduli are left out instead, with a warning.
     InstabilityError : with finite overlap, a lattice buckles.
@@ -192,6 +193,7 @@ def sweep(
     GranphonError : a medium has no solution. The message names medium, parameters and load, and
         ``load_index`` is the index of the load; of one state that is not simulated the message is
         that of the medium alone, and there is no index. No result is written then.
+    MissingPackageError : xarray is not installed, or with a ``path`` h5netcdf.
     """
     packing = given_balls(packing)
     media = default_medium(packing) if media is None else media
@@ -211,13 +213,11 @@ def sweep(
     require_losses(parameters, settings_with_losses)
     require_walls(parameters, settings_with_losses, find_kinds(packing))
     path_of_bands = _read_bands(bands, npoints, labels)
-    flags = {"gaps": gaps, "cutoffs": cutoffs, "onsets": onsets}
-    names_of_zone = [name for name in OF_ZONE if require(name, truth, flags[name])]
-    if path_of_bands is not None:
-        names_of_zone.insert(0, "bands")
+    names_of_zone = _list_in_zone({"gaps": gaps, "cutoffs": cutoffs, "onsets": onsets})
+    names_of_bands = [] if path_of_bands is None else ["bands"]
     names_of_arrays: Sequence[str] = () if waves is None else waves.names
     names_of_networks = [name for name, settings in networks.items() if settings is not None]
-    observe = ["velocities", *names_of_zone, *names_of_arrays, *names_of_networks]
+    observe = ["velocities", *names_of_bands, *names_of_zone, *names_of_arrays, *names_of_networks]
     # Velocities that cannot be found are an error only where nothing else is observed: balls that
     # are held have no sound, and a mechanism has bands and motions without velocities.
     is_held = packing.is_held or not HOLDING_PARAMETERS.isdisjoint(parameters)
@@ -241,10 +241,17 @@ def sweep(
     )
 
 
+def _list_in_zone(flags: Mapping[str, Any]) -> list[str]:
+    """Return the names of the observables of :data:`~granphon.runs.tasks.OF_ZONE` whose arguments
+    of :func:`sweep`, the ``flags`` by name, are true; InputError for one that is no truth value.
+    """
+    return [name for name in OF_ZONE if require(name, truth, flags[name])]
+
+
 def _choose_load(load: Load | None, **loads: ArrayLike | None) -> Load:
     """Return the applied load, of one axis at most: ``load``, or, where that is None, the only one
-    of ``loads``, values by kind, that is not None. InputError if both are given, or none, and for a
-    ``load`` that is no :class:`~granphon.Load`.
+    of ``loads``, values by kind, that is not None. InputError if both are given, none or several,
+    for values that are no loads, and for a ``load`` that is no :class:`~granphon.Load`.
     """
     if load is None:
         return Load.only(**loads)
@@ -258,8 +265,9 @@ def _choose_load(load: Load | None, **loads: ArrayLike | None) -> Load:
 
 def _read_media(media: Any, lattice: Lattice, packing: Packing | Arrangement) -> list[MediumChoice]:
     """Return the choices of media of a sweep from ``media``, a medium or a list of media as
-    :func:`sweep` takes them. InputError for an empty list, for a medium that is given twice, or for
-    one that the ``packing`` cannot have.
+    :func:`sweep` takes them; the ``lattice`` is that on which options are read. InputError for an
+    empty list, for what is no medium, for one that is given twice, or for one that the ``packing``
+    cannot have.
     """
     descriptions = media if isinstance(media, list | tuple) else [media]
     choices = [MediumChoice.parse(description, lattice) for description in descriptions]
@@ -276,8 +284,9 @@ def _read_media(media: Any, lattice: Lattice, packing: Packing | Arrangement) ->
 
 
 def _read_directions(direction: ArrayLike, lattice: Lattice) -> tuple[Any, ...]:
-    """Return the Cartesian components of the direction of sound (p,) as a tuple; of many directions
-    (n, p) a tuple of such tuples. InputError for a direction that is given twice.
+    """Return the Cartesian components of the ``direction`` of sound (p,) as a tuple; of many
+    directions (n, p) a tuple of such tuples. ``lattice`` has p periods. InputError for a direction
+    of another shape, zero or not finite, and for one that is given twice.
 
     The components are those that were given, without a change to unit length: they name the
     direction.
@@ -306,8 +315,9 @@ def _read_waves(
     waves are requested.
 
     ``dos``, ``spectrum`` and ``pulse`` are those of :func:`sweep`, and ``networks`` holds its
-    ``response``, ``motion`` and ``modes`` by name, None where they are not given. InputError for a
-    pulse along several ``directions``.
+    ``response``, ``motion`` and ``modes`` by name, None where they are not given. The ``lattice``
+    gives the default path of spectra. InputError for values that these arguments cannot have, and
+    for a pulse along several ``directions``.
     """
     has_dos = require("dos", truth, dos)
     spectrum_settings, corners, names = _read_spectrum(spectrum, lattice)
@@ -359,8 +369,9 @@ def _read_spectrum(
     spectrum: SpectrumSettings | Mapping[str, Any] | None, lattice: Lattice
 ) -> tuple[SpectrumSettings | None, tuple[Any, ...], tuple[str, ...]]:
     """Return the settings of spectral functions, the pieces of their path as
-    :class:`~granphon.phonons.paths.BandPath` has them, and the names of the corners; without
-    ``spectrum`` None and empty tuples.
+    :class:`~granphon.phonons.paths.BandPath` has them, by default those of the ``lattice``, and the
+    names of the corners; without ``spectrum`` None and empty tuples. InputError for what is neither
+    settings nor a mapping of their keys.
     """
     if spectrum is None:
         return None, (), ()

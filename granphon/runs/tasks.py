@@ -111,7 +111,8 @@ INCOMPLETE = "incomplete"
 
 def to_json(data: Any) -> str:
     """Return ``data`` as a JSON text; equal data of the same types give the same text. An object of
-    a user is the name of its class and the attributes in its ``__dict__``.
+    a user is the name of its class and the attributes in its ``__dict__``, without which objects of
+    one class cannot be told apart.
     """
 
     def simplify(value: Any) -> Any:
@@ -199,8 +200,10 @@ class Request:
         return state.cached(find_bands, path, npoints)
 
     def find_path(self, structure: Lattice) -> tuple[Array, tuple[str, ...]] | None:
-        """Find the points along the path of the bands, (s, p, 3), and the labels of its corners;
-        None without bands.
+        """Return the points along the path of the bands in the zone of a ``structure``, (s, p, 3)
+        for p points in each of s segments, fractions of the reciprocal cell, and the labels
+        (s + 1,) of its corners; None without bands. Raises what
+        :func:`~granphon.phonons.paths.interpolate_path` raises.
         """
         if self.path is None:
             return None
@@ -229,7 +232,7 @@ class Case:
     """One medium on one packing, at all values of an applied load, and the request of its states.
 
     ``values`` holds the names of the swept parameters of the packing and their values as texts;
-    empty if none is swept.
+    empty if none is swept. ``written`` says how a user wrote the load and the values.
     """
 
     values: tuple[tuple[str, str], ...]
@@ -250,8 +253,8 @@ class Case:
         return ", ".join(filter(None, (self.medium.label, self.where)))
 
     def name(self, serving: ServingMedium) -> str:
-        """Return the label of one of the media that serve the loads; where the medium was chosen
-        automatically, its own label follows that of the case.
+        """Return the label of ``serving``, one of the media that serve the loads: that of the case,
+        which that of the medium itself follows where it was chosen automatically.
         """
         if serving.chosen_automatically:
             return f"{self.label}: {serving.medium.label}"
@@ -399,7 +402,7 @@ class Case:
 @dataclass(frozen=True, eq=False)
 class Grid:
     """Every medium at every combination of the values of the ``axes`` of a packing, under an
-    applied load.
+    applied load, with the ``request`` of the states; ``written`` says how a user wrote the values.
     """
 
     packing: Balls
@@ -450,8 +453,8 @@ def list_swept(
     load: Load, media: Sequence[Any], parameters: Iterable[tuple[str, Sequence[Any]]]
 ) -> dict[str, int]:
     """Return the axes along which the states of a sweep lie, each with the number of its values:
-    "load" and "medium" where there are several, and each of the swept ``parameters``. One state has
-    no axes.
+    "load" and "medium" where the values of the ``load`` or the ``media`` are several, and each of
+    the swept ``parameters``, pairs of a name and values. One state has no axes.
     """
     counts = {"load": load.size, "medium": len(media)}
     axes = {name: count for name, count in counts.items() if count > 1}
@@ -681,8 +684,8 @@ class MediumTask(Task):
         return variables | {"warnings": _write_notes(notes)}
 
     def _observe_numbers(self, analysis: Analysis) -> tuple[dict[str, Any], list[str]]:
-        """Return the numbers of a state by name, at each load (loads, ...) or, of a single state,
-        without this axis, and notes on numbers that are not known.
+        """Return the numbers of the state of an ``analysis`` by name, at each load (loads, ...) or,
+        of a single state, without this axis, and notes on numbers that are not known.
 
         The numbers are the attributes of the state; velocities and moduli if these are requested,
         or if long waves move all balls; and exponents if these are requested. Raises MechanismError
@@ -768,7 +771,9 @@ class MediumTask(Task):
 
 
 def find_analysis(state: ContactState, direction: tuple[Any, ...] | None) -> Analysis:
-    """Return the analysis of a state along a ``direction``, which the state keeps."""
+    """Return the analysis of a ``state`` along a ``direction``, as a :class:`Request` has it, with
+    the results that several observables share; the state keeps it.
+    """
     return state.cached(Analysis, direction)
 
 
@@ -799,8 +804,8 @@ def _find_distinct(state: ContactState, states: list[ContactState]) -> list[Cont
 
 
 def _observe_edge(state: ContactState, settings: SurfaceSettings) -> TaskResult:
-    """Return the variables of the waves of an edge at each load, as
-    :func:`~granphon.phonons.surfaces.observe_surface` names them.
+    """Return the variables of the waves of the edge that the ``settings`` describe, at each load of
+    a ``state``, as :func:`~granphon.phonons.surfaces.observe_surface` names them.
     """
     # imported here: other runs do not need surfaces
     from granphon.phonons.surfaces import observe_surface
@@ -811,8 +816,9 @@ def _observe_edge(state: ContactState, settings: SurfaceSettings) -> TaskResult:
 
 
 def _observe_zone(state: ContactState, request: Request) -> TaskResult:
-    """Return the variables at each load (loads, ...) of what is sought in the whole zone, as
-    :func:`_find_in_zone` names them; where one lattice serves all loads, the zone is searched once.
+    """Return the variables at each load of a ``state`` (loads, ...) of what the ``request`` seeks
+    in the whole zone, as :func:`_find_in_zone` names them; where one lattice serves all loads, the
+    zone is searched once.
     """
     # imported here: other runs do not need phonons
     from granphon.phonons.phonons import find_phonons
@@ -833,7 +839,8 @@ def _observe_zone(state: ContactState, request: Request) -> TaskResult:
 
 
 def _find_in_zone(phonons: Phonons, request: Request) -> dict[str, Array]:
-    """Return the variables of one state that are sought in the whole zone, of b branches.
+    """Return the variables of one state, whose ``phonons`` have b branches, that the ``request``
+    seeks in the whole zone.
 
     Gaps give the lower and the upper edges (b,), Hz, by the number of branches below the gap, nan
     where there is no gap, and the top frequency, Hz. Cut-offs give the lowest and the highest
@@ -901,7 +908,7 @@ def _observe_bands(
     if state.n_samples:
         notes.append(LATTICE_BANDS)
     if losses is not None:
-        # imported here: other runs do not need phonopy
+        # imported here: other runs do not need phonons
         from granphon.phonons.phonons import find_phonons
 
         damped = [find_phonons(single).damped(q, **losses.losses) for single in states]
@@ -970,8 +977,8 @@ def add_waves(
 
 
 def _place_note(text: str, task: MediumTask, load: Load, indices: Sequence[int]) -> str:
-    """Return a note, ``text``, with words before it for the loads at which it holds: the first of
-    the ``indices`` of a ``load``, and how many more there are.
+    """Return a note of a ``task``, ``text``, with words before it for the loads at which it holds:
+    the first of the ``indices`` of a ``load``, and how many more there are.
     """
     lattice = task.serving.packing.structure
     load_in_words = load[indices[0]].describe(lattice.periods, lattice.pressed_axes)
@@ -1219,7 +1226,9 @@ def _expand_loads(result: TaskResult, reached: Sequence[int], size: int) -> Task
 
 
 def drop_marks(result: TaskResult) -> TaskResult:
-    """Return a result without its marks."""
+    """Return a ``result`` without the marks of a path that ended early: a new mapping of the same
+    arrays.
+    """
     return {name: value for name, value in result.items() if name not in _MARKS}
 
 
@@ -1261,8 +1270,9 @@ def _join_marks(results: Sequence[TaskResult], loads: Sequence[NDArray[Any]]) ->
 
 
 def explain_end(results: Sequence[TaskResult]) -> ConvergenceError:
-    """Return the error of the first path that ended early, whose message counts the others; one
-    path at least did. Its ``load_index`` is None where the load is not known.
+    """Return the error of the first path that ended early, by the marks of the ``results``, of
+    which one at least has marks; the message counts the other paths that did. The ``load_index`` of
+    the error is None where the load is not known.
     """
     reasons = [reason for result in results for reason in result.get(_WHY, _NO_MARKS).tolist()]
     indices = [index for result in results for index in result.get(_END, _NO_MARKS).tolist()]

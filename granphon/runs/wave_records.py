@@ -138,8 +138,8 @@ def require_waves(
     serving_media: Sequence[ServingMedium], settings: WaveSettings, most: float = np.inf
 ) -> None:
     """Raise GranphonError if the spectra or the pulse of the ``settings`` cannot be found in the
-    arrays of a case, at any of its loads, or if a packing in files lacks the path of the spectra or
-    their polarisations.
+    arrays of a case, whose media are ``serving_media``, at any of its loads, or if a packing in
+    files lacks the path of the spectra or their polarisations.
 
     An array of equal balls at the same mean force stands for each array of up to ``most`` balls, so
     that nothing is simulated. Its wave vectors, the motions of its balls, the path of the pulse and
@@ -174,7 +174,7 @@ def _require_packing_spectra(
     serving_media: Sequence[ServingMedium], spectrum: SpectrumSettings, path: Any
 ) -> None:
     """Raise GranphonError if a packing in files lacks a wave vector of the ``path`` or a
-    polarisation of the ``spectrum``; other media are not looked at.
+    polarisation of the ``spectrum``; others of the ``serving_media`` are not looked at.
     """
     for serving in serving_media:
         state = None if serving.arrays else find_typical_state(serving)
@@ -188,8 +188,9 @@ def _require_packing_spectra(
 def _require_pulse(
     networks: Sequence[ContactNetwork], settings: PulseSettings, direction: Any
 ) -> None:
-    """Raise GranphonError if a pulse along the ``direction`` can be sent through none of the
-    ``networks``, which are those of one array at several loads; the error is that of the first.
+    """Raise GranphonError if the pulse of the ``settings`` along the ``direction`` can be sent
+    through none of the ``networks``, which are those of one array at several loads; the error is
+    that of the first.
     """
     errors = list[GranphonError]()
     for network in networks:
@@ -239,8 +240,8 @@ def require_friction(
 
 
 def _has_slip(serving: ServingMedium, settings: MotionSettings, most: float) -> bool:
-    """Whether a contact of the networks of a medium resists slip, as :func:`require_friction` finds
-    it.
+    """Whether a contact of the networks of a medium, ``serving``, resists slip, as
+    :func:`require_friction`, whose other arguments these are, finds it.
     """
     from granphon.waves.nonlinear import resists_slip
 
@@ -256,8 +257,9 @@ def require_network(
     key: str,
     most: float = np.inf,
 ) -> None:
-    """Raise GranphonError unless the networks of a case, repeated and cut, have what one ``key`` of
-    the ``settings`` names, such as the balls of "source" or the modes of "count".
+    """Raise GranphonError unless the networks of a case, whose media are ``serving_media``, have,
+    repeated and cut, what one ``key`` of the ``settings`` names, such as the balls of "source" or
+    the modes of "count".
 
     Networks of equal balls stand for those of packings, and the first load for all of them
     (:func:`find_typical_state`). Networks of more than ``most`` balls are not looked at, nor are
@@ -284,8 +286,8 @@ def require_network(
 
 
 def _find_typical_sample(serving: ServingMedium, settings: NetworkSettings, most: float) -> Any:
-    """Return what stands for the samples of a medium: of one that simulates arrays the network of
-    an array of equal balls, of others the state of :func:`find_typical_state`.
+    """Return what stands for the samples of a medium, ``serving``: of one that simulates arrays the
+    network of an array of equal balls, of others the state of :func:`find_typical_state`.
 
     None for a crystal whose state takes long, and if the balls are more than ``most``, also after
     they are repeated and cut as the ``settings`` say.
@@ -303,7 +305,7 @@ def _find_typical_sample(serving: ServingMedium, settings: NetworkSettings, most
 
 
 def find_typical_state(serving: ServingMedium) -> Any:
-    """Return a state that stands for all states of a medium: the one at the first load.
+    """Return a state that stands for all states of a medium, ``serving``: that at the first load.
 
     For a packing it is the state of equal balls at the mean contact force that is expected there
     (:func:`~granphon.media.cost.estimate_contact_force`), for a crystal its own state, and for a
@@ -344,9 +346,10 @@ def record_waves(x: Any, settings: WaveSettings, whole: bool = False) -> dict[st
 def _record_dos(
     waves: Waves, sample: Sample, _settings: WaveSettings
 ) -> tuple[dict[str, Array], dict[str, Result]]:
-    """Return the table ``dos`` (4, n) of the density of states of a ``sample``, and the result from
-    which it is made, by name. The rows of the table are frequencies, Hz, translational density,
-    1/Hz, rotational density, 1/Hz, and error of their sum, 1/Hz.
+    """Return the table ``dos`` (4, n) of the density of states of a ``sample`` with these
+    ``waves``, and the result from which it is made, both by name. The rows of the table are
+    frequencies, Hz, translational density, 1/Hz, rotational density, 1/Hz, and error of their sum,
+    1/Hz.
     """
     # Random vectors differ from sample to sample, so that their noise is part of the standard error
     # over samples. A state has no seed, and a sample of given diameters has None.
@@ -391,7 +394,8 @@ def _record_pulse(
     waves: Waves, _sample: Sample, settings: WaveSettings
 ) -> tuple[dict[str, Array], dict[str, Pulse]]:
     """Return the numbers ``pulse_velocity``, m/s, ``time_of_flight``, s, and ``coherent_fraction``
-    of a pulse through a sample, and the pulse, if one can be sent.
+    of the pulse of the ``settings`` through a sample with these ``waves``, and the pulse, if one
+    can be sent; both by name.
 
     Where the arrival of the pulse is not known, the first two are nan, and where no pulse can be
     sent all three; the text ``pulse_note`` says why, and is empty otherwise. The text
@@ -442,8 +446,8 @@ def _record_networks(x: Any, settings: WaveSettings, *, whole: bool = False) -> 
 
 
 def _record_response(x: Any, settings: ResponseSettings) -> tuple[dict[str, Array], dict[str, Any]]:
-    """Return the numbers of the response of the network of ``x``, a state, sample or network, by
-    name, and no files.
+    """Return the numbers of the response that the ``settings`` ask for, of the network of ``x``, a
+    state, sample or network, by name, and no files.
 
     ``response`` (n_f, receivers) holds complex amplitudes at n_f frequencies; the amplitude of a
     plane is the mean over its balls. ``response_quantity`` is the name of the quantity, which
@@ -495,11 +499,12 @@ def _average_responses(
     the mean of the complex amplitudes over the samples of the ``records``.
 
     The observables are the absolute value and the phase, rad, of the response, both (n_f,
-    receivers), and for several samples the standard error of the response. If there are peaks, the
-    observables are also the frequency, the height and Q of the peaks of each receiver, (receivers,
-    n); and, if the heights of all peaks of the first receiver are known, the same of the highest of
-    these. The peaks of a single record were solved for between the frequencies of the settings;
-    peaks of a mean are sought among these frequencies.
+    receivers), the phase without jumps of a whole turn along the frequencies, and for several
+    samples the standard error of the response. If there are peaks, the observables are also the
+    frequency, the height and Q of the peaks of each receiver, (receivers, n); and, if the heights
+    of all peaks of the first receiver are known, the same of the highest of these. The peaks of a
+    single record were solved for between the frequencies of the settings; peaks of a mean are
+    sought among these frequencies.
 
     The notes are the warnings of the records, and one that counts the peaks that are narrower than
     the step of the frequencies, whose heights are not known.
@@ -624,7 +629,9 @@ class PreparedMotion:
         self._require_step()
 
     def _require_free(self, network: ContactNetwork) -> None:
-        """Raise InputError for an impact on a ball that is held, or whose displacement is given."""
+        """Raise InputError for an impact on a body of the ``network`` that is held, or whose
+        displacement is given.
+        """
         displaced_balls = [drive.balls for drive in self.drives if drive.displacement is not None]
         held_balls = np.flatnonzero(~network.moving)
         led_balls = np.concatenate([held_balls, *displaced_balls])
@@ -723,8 +730,8 @@ class Passage(NamedTuple):
 
     @classmethod
     def of(cls, motion: Motion, source: Index) -> Self:
-        """Return the passage of the wave that comes from the balls and walls ``source``, given by
-        their numbers.
+        """Return the passage of the wave of a ``motion`` that comes from the balls and walls
+        ``source``, given by their numbers.
         """
         distances = _find_distances(motion, source)
         peak_times, heights = motion.peaks()
@@ -782,8 +789,9 @@ def _find_velocity(distances: Array, times: Array) -> float:
 def record_motion(
     x: Any, settings: MotionSettings
 ) -> tuple[dict[str, Array], dict[str, Callable[[], bytes]]]:
-    """Run the motion of the network of ``x``, a state, sample or network, and return the numbers of
-    the motion and the function that makes the bytes of its file, both by name.
+    """Run the motion of the ``settings`` in the network of ``x``, a state, sample or network, and
+    return the numbers of the motion and the function that makes the bytes of its file, both by
+    name.
 
     The numbers are :data:`NUMBERS`, in SI units; ``motion``, an array with a row (n_times,) for
     each of :data:`OVER_TIME`; and ``motion_note``, a text of the warnings.
@@ -862,9 +870,10 @@ def average_motions(
 
 
 def list_contact_columns(motion: Motion, settings: MotionSettings) -> list[tuple[str, str, Any]]:
-    """Return the columns of the table of the contacts of a ``motion``, each as a name, a unit and
-    values (n,): the balls and the middle of each contact, and when and how strongly it is pressed.
-    The n contacts are those of :class:`Passage`.
+    """Return the columns of the table of the contacts of a ``motion`` with these ``settings``, each
+    as a name, a unit and values (n,): the balls and the middle of each contact, the distance of the
+    contact from what is driven, and when and how strongly it is pressed. The n contacts are those
+    of :class:`Passage`.
     """
     passage = Passage.of(motion, find_source(settings, motion.network))
     network = motion.network
@@ -889,9 +898,9 @@ def write_contacts(
     settings: MotionSettings,
     errors: Mapping[str, Array] | None = None,
 ) -> None:
-    """Write the table ``path`` of the contacts of a ``motion``: the columns of
-    :func:`list_contact_columns`, and after these the ``errors``, columns of standard errors (n,) by
-    the name of the column whose errors they are.
+    """Write the table ``path`` of the contacts of a ``motion`` with these ``settings``: the columns
+    of :func:`list_contact_columns`, and after these the ``errors``, columns of standard errors (n,)
+    by the name of the column whose errors they are.
     """
     columns = list_contact_columns(motion, settings)
     headings = [Heading(name, unit) for name, unit, _ in columns]
@@ -905,9 +914,9 @@ def write_contacts(
 
 
 def _record_modes(x: Any, settings: ModesSettings) -> tuple[dict[str, Array], dict[str, Any]]:
-    """Return the table ``modes`` (3, modes) of the lowest modes of the network of ``x``, by name,
-    and no files. The rows of the table are frequencies, Hz, participation ratios, and parts of the
-    kinetic energy in rotations.
+    """Return the table ``modes`` (3, modes) of as many of the lowest modes of the network of ``x``,
+    a state, sample or network, as the ``settings`` ask for, by name, and no files. The rows of the
+    table are frequencies, Hz, participation ratios, and parts of the kinetic energy in rotations.
     """
     modes = Waves(settings.shape(given_network(x))).modes(settings.count)
     rows = [modes.frequencies, modes.participation_ratio, modes.rotational_fraction]
@@ -917,8 +926,9 @@ def _record_modes(x: Any, settings: ModesSettings) -> tuple[dict[str, Array], di
 def _average_modes(
     records: Sequence[Record], _settings: ModesSettings
 ) -> tuple[dict[str, Array], list[str]]:
-    """Return the means over samples of the numbers of the modes, by name, with the standard error
-    of the frequencies if there are several samples; and no notes.
+    """Return the means over samples, whose ``records`` :func:`_record_modes` makes, of the numbers
+    of the modes, by name, with the standard error of the frequencies if there are several samples;
+    and no notes.
     """
     tables = np.array([record["modes"] for record in records])  # (samples, 3, modes)
     names = ("mode_frequency", "mode_participation", "mode_rotation")
@@ -994,8 +1004,8 @@ def restore_motion(record: Record) -> Motion | None:
 def average_waves(
     records: Sequence[Record], settings: WaveSettings
 ) -> tuple[dict[str, Array], list[str]]:
-    """Return the observables of waves from the ``records`` of the samples at one load, arrays in SI
-    units by name, and notes on them.
+    """Return the observables of the waves of the ``settings`` from the ``records`` of the samples
+    at one load, arrays in SI units by name, and notes on them.
 
     Standard errors are those over samples; a density of states of one sample has that of the random
     vectors.

@@ -39,7 +39,7 @@ _CALLS_ELSEWHERE = 256
 @cache
 def packages() -> dict[str, str]:
     """Return the versions, by name, of the packages that determine the numbers of a result; every
-    worker must have the same versions.
+    worker must have the same versions. It is one dictionary at all calls, which no caller changes.
     """
     return versions("numpy", "scipy")
 

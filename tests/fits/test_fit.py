@@ -398,6 +398,12 @@ def test_every_pulse_may_have_a_frequency_of_its_own():
         fit.velocity_at(3.0)
 
 
+def test_an_empty_medium_is_none():
+    fit = fit_width(BALLS, FORCE[::4], velocities(TRUE, force=FORCE[::4]))
+    with pytest.raises(InputError, match="medium"):
+        fit.velocity_at(3.0, "")
+
+
 def test_a_frequency_above_the_band_is_named():
     state = gp.AveragedLattice(BALLS).at_force(4.0)
     hertz = np.full(12, 6500.0)

@@ -151,6 +151,7 @@ def test_a_named_column_goes_before_one_found(tmp_path):
             {},
             "gives pressures",
         ),
+        ("pressure (N/m),velocity (m/s)\n2,3\n", {"pressed": 3.0}, "gives pressures"),
         (
             "pressure (Pa),velocity (m/s)\n2,3\n",
             {"pressed": float},

@@ -259,8 +259,10 @@ def test_what_gives_no_velocity_is_refused() -> None:
         traces.velocity("corelation")
     with pytest.raises(InputError, match="quiet"):
         traces.velocity(quiet="early")
-    with pytest.raises(InputError, match="lowpass"):
-        traces.velocity(lowpass=6e5)
+    # too high, too low for the record, and no number
+    for lowpass in (6e5, 1.0, 1e-300, np.array([1e4, 2e4])):
+        with pytest.raises(InputError, match="lowpass"):
+            traces.velocity(lowpass=lowpass)
     with pytest.raises(InputError, match="method 'peak'"):
         traces.velocity("peak", threshold=0.2)
     with pytest.raises(InputError, match="method 'threshold'"):
@@ -397,8 +399,9 @@ def test_what_gives_no_transfer_function_is_refused() -> None:
     times = 1e-5 * np.arange(4096)
     drive = gp.Traces(times, rng.standard_normal(4096), 0.0)
     response = gp.Traces(times, rng.standard_normal(4096), 0.0)
-    with pytest.raises(InputError, match="segment"):
-        gp.TransferFunction.from_traces(drive, response, segment=1e-5)
+    for segment in (1e-5, 1.0, 1e305):
+        with pytest.raises(InputError, match="segment"):
+            gp.TransferFunction.from_traces(drive, response, segment=segment)
     for band in ((1e3, 1e3), (2e3, 1e3), (-1.0, 1e3), (1e3,), "a"):
         with pytest.raises(InputError, match="band"):
             gp.TransferFunction.from_traces(drive, response, band=band)

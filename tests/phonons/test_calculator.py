@@ -1457,10 +1457,13 @@ def test_only_atoms_are_atoms():
     for take in (
         calculator.contact_lattice,
         calculator.adopt,
+        calculator.get_torques,
         gp.HertzMindlin({"A": STEEL}).find_radii,
     ):
         with pytest.raises(InputError, match="atoms"):
             take("Fe")
+    with pytest.raises(InputError, match="atoms"):
+        calculator.get_torques(None)
 
 
 def test_diameters_that_are_not_above_zero_are_refused():

@@ -20,8 +20,8 @@ from tests.phonons.conftest import DIAMETER, ETA, RESISTED, at_force, every_case
 class WholeMesh(gp.Phonons):
     """Phonons whose meshes are not reduced by symmetry."""
 
-    def _make_mesh(self, numbers, reduce=False):
-        return super()._make_mesh(numbers, reduce=False)
+    def _make_mesh(self, numbers):
+        return ZoneMesh.of(numbers)
 
 
 @pytest.mark.claim("api-densities")
@@ -49,6 +49,23 @@ def test_density_survives_its_file(phonons, tmp_path, method):
     own = Table.read(tmp_path / "dos.csv")
     assert [heading.name for heading in own.headings] == list(table.dtype.names)
     np.testing.assert_array_equal(own.column("frequency_Hz (Hz)", frequency), dos.frequencies)
+
+
+@pytest.mark.parametrize(
+    ("comments", "fault"),
+    [
+        ("# granphon density of states, schema 1, per ball\n", "first comments"),
+        (
+            "# granphon density of states, schema 1, per ball\n# method foo, mesh 4 4\n",
+            "the method is 'foo'",
+        ),
+    ],
+)
+def test_what_is_no_density_is_told(tmp_path, comments, fault):
+    heading = "frequency_Hz,total_per_Hz,translational_per_Hz,rotational_per_Hz\n"
+    (tmp_path / "dos.csv").write_text(f"{heading}{comments}1,2,1,1\n")
+    with pytest.raises(InputError, match=fault):
+        gp.DensityOfStates.read_csv(tmp_path / "dos.csv")
 
 
 # -- densities of states ---------------------------------------------------------------------------
@@ -259,8 +276,8 @@ def test_the_point_group_reduces_the_mesh():
         ("chain", (24,), 2),
     ):
         ph = phonons_of(lattice, "all")
-        full, reduced = (len(ph._make_mesh(mesh, reduce=some).qpoints) for some in (False, True))
-        assert full == np.prod(mesh)
+        full = np.prod(mesh)
+        reduced = len(ph._make_mesh(mesh).qpoints)
         assert full / order <= reduced <= 2.6 * full / order
     # a mesh that a rotation does not map on itself is not reduced
     assert len(phonons_of("fcc")._make_mesh((4, 4, 6)).qpoints) == 96

@@ -237,6 +237,11 @@ def test_numbers_that_are_not_finite_and_rotations_of_another_shape_are_refused(
     balls.arrays["rotations"] = np.zeros((len(balls), 2))
     with pytest.raises(InputError, match="shape"):
         balls.get_potential_energy()
+    flat = at_rest.copy()
+    flat.calc = at_rest.calc
+    flat.set_cell([flat.cell[0], 2.0 * flat.cell[0], flat.cell[2]])
+    with pytest.raises(InputError, match="not independent"):
+        flat.get_potential_energy()
     for no_atoms in (5, [balls]):
         with pytest.raises(InputError, match="Atoms"):
             balls.calc.contact_network(no_atoms)

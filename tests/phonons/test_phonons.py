@@ -338,6 +338,15 @@ def test_fewer_contacts_than_motions_leave_free_ones(length):
     )
 
 
+def test_branches_without_energy_leave_no_gap_below_all_branches():
+    # without bending two branches of a chain vanish everywhere, and the third is far above them
+    phonons = phonons_of("chain", "out_of_plane")
+    onset = phonons.onset()
+    assert_allclose(onset.frequencies[:2], 0.0, atol=0.0)
+    assert phonons.cutoffs()[2, 0] > 0.0
+    assert onset.gap == 0.0
+
+
 @pytest.mark.parametrize(
     ("lattice", "repeat"),
     [("chain", (3, 1, 1)), ("triangular", (2, 3, 1)), ("fcc", (2, 1, 3)), ("hcp", (1, 2, 1))],

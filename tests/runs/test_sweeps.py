@@ -1313,6 +1313,15 @@ def test_a_store_takes_what_it_gives_back_and_nothing_else():
         encode("two\nlines", results)
 
 
+def test_the_path_of_a_store_may_be_a_text(tmp_path):
+    store = Store(str(tmp_path / "store"))
+    store.append("a", encode("a", {"x": np.ones(2)}))
+    store.close()
+    assert list(dict(read_entries(str(tmp_path / "store")))) == ["a"]
+    with pytest.raises(InputError, match="path"):
+        Store(5)
+
+
 @pytest.mark.parametrize("replaced", [False, True])
 def test_a_store_that_is_removed_or_replaced_meanwhile_is_named(tmp_path, replaced):
     store = Store(tmp_path / "store")
