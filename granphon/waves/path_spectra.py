@@ -111,7 +111,8 @@ class PathSpectra(Result):
     @property
     def numbers(self) -> dict[str, Array]:
         """The numbers (polarisations, n) of the lines, by the names of their columns in
-        :meth:`write_csv`: peak and width, Hz, mean_free_path, m, and attenuation, 1/m.
+        :meth:`write_csv`: peak and width, Hz, mean_free_path, m, and attenuation, 1/m. Raises what
+        these attributes of :class:`SpectralFunction` raise.
         """
         return {
             name: np.array([getattr(spectrum, name) for spectrum in self.spectra])
@@ -131,8 +132,9 @@ class PathSpectra(Result):
 
         An earlier table with the same columns is replaced. Raises
         :class:`~granphon.base.errors.InputError` for errors of another name or shape, or that are
-        no numbers, and if ``path`` is no path; and :class:`~granphon.base.errors.OutputError` if
-        another file is there, also a table with other columns, or the file cannot be written.
+        no numbers, if ``path`` is no path, and for spectra whose :attr:`numbers` are not known; and
+        :class:`~granphon.base.errors.OutputError` if another file is there, also a table with other
+        columns, or the file cannot be written.
         """
         require_path(path)
         tables = self._read_errors(errors or {})

@@ -1817,7 +1817,8 @@ def _require_reached(operator: WaveOperator, hertz: float) -> None:
     """Raise :class:`~granphon.base.errors.UnreachableFrequencyError` if the frequency ``hertz``,
     Hz, is above those of all modes.
 
-    The highest mode is only computed if a bound does not decide.
+    The highest mode is only computed if a bound does not decide. Raises
+    :class:`~granphon.base.errors.ConvergenceError` if this mode is not found.
     """
     from scipy.sparse.linalg import eigsh
 

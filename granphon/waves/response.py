@@ -283,7 +283,7 @@ class Response(Result, array="values"):
         neither a list nor a slice, for one without a receiver or with a receiver twice, and for
         receivers that are not there.
         """
-        if not isinstance(groups, Sequence | np.ndarray):
+        if not _is_list(groups):
             mend = "Give a list that has for each mean a list of positions of receivers, or a slice"
             raise InputError(f"groups is {brief(groups)}", mend=mend)
         if not len(groups):
@@ -313,7 +313,7 @@ class Response(Result, array="values"):
                 positions = list(range(count))[group]
             except (TypeError, ValueError):  # ends that are no whole numbers, or a step of zero
                 positions = None
-        if not isinstance(positions, Sequence | np.ndarray):
+        if not _is_list(positions):
             mend = "Give for each mean a list of positions of receivers, or a slice"
             raise InputError(f"groups has {brief(group)}", mend=mend)
         return index_array("groups", positions, count, "receivers")
@@ -351,6 +351,11 @@ class Response(Result, array="values"):
             "receiver": (("receiver",), np.arange(len(self.receivers)), {}),
             "ball": (("receiver",), self.receivers, {}),
         }
+
+
+def _is_list(value: Any) -> bool:
+    """Whether a ``value`` is a sequence, such as a list, or an array with axes."""
+    return isinstance(value, Sequence) or (isinstance(value, np.ndarray) and value.ndim > 0)
 
 
 def require_places(

@@ -161,8 +161,9 @@ def transmission(
         other motions of balls; a floor or clamped balls between them; a strip with static
         tangential forces; leads or a strip too wide for the memory; wrong numbers.
     PrecisionError : a frequency at the very edge of a band, or so low or high that the waves of the
-        leads cannot be told apart; and one at which without losses the two parts do not add up, to
-        1e-6, to what comes.
+        leads cannot be told apart; one that is exactly that of a mode of the strip which no wave of
+        the leads reaches; and one at which without losses the two parts do not add up, to 1e-6, to
+        what comes.
     """
     work = TransmissionWork.of(left, middle, right, frequencies, axis, q)
     work.require_memory()
@@ -233,6 +234,9 @@ def _scatter_at_all(
 ) -> list[_ScatteredWaves]:
     """Return what the strip makes of the waves at each frequency of the ``work``; progress is told
     of each. ``find_stiffness`` is that of :func:`_make_stiffness_function`.
+
+    Raises :class:`~granphon.base.errors.PrecisionError` at a frequency that is exactly that of a
+    mode which no wave of the leads reaches, and for waves of the leads that cannot be told apart.
     """
     omega = 2.0 * np.pi * work.hertz
     scattered = list[_ScatteredWaves]()
@@ -242,12 +246,22 @@ def _scatter_at_all(
             first_waves = work.first.find_waves(omega_at_once)
             last_waves = work.last.find_waves(omega_at_once)
             for w, *waves in zip(omega_at_once, first_waves, last_waves, strict=True):
-                returning, passing = _scatter(w**2, find_stiffness(w), work, waves)
+                try:
+                    returning, passing = _scatter(w**2, find_stiffness(w), work, waves)
+                except (RuntimeError, np.linalg.LinAlgError):  # exactly singular
+                    raise _explain_mode(w) from None
                 (incoming, _), _ = waves
                 running_factors = incoming.factors[: incoming.n_running]
                 scattered.append(_ScatteredWaves(returning, passing, running_factors))
                 step.advance()
     return scattered
+
+
+def _explain_mode(omega: float) -> PrecisionError:
+    """Return the error of equations that are singular at the angular frequency ``omega``, rad/s."""
+    fault = f"at {write_quantity(omega / (2.0 * math.pi), 'Hz', 12)} the motion has no bound"
+    why = "The strip, or a part of it or of a lead, has a mode of exactly this frequency"
+    return PrecisionError(fault, why, "Shift the frequency by a millionth")
 
 
 def _require_strip(operator: WaveOperator, leads: Sequence[_Lead]) -> None:
@@ -820,6 +834,8 @@ def _solve_strip(work: TransmissionWork, equations: Any, drive: Any) -> tuple[Co
     """Return the motions of the blocks at the lower and at the upper end of the strip of the
     ``work``, (size of the block, m), that solve ``equations`` (size, size), sparse, with the right
     sides ``drive`` (size, m).
+
+    Raises RuntimeError or numpy.linalg.LinAlgError if the equations are exactly singular.
     """
     lower, upper = work.ends
     if work.is_sliced:
