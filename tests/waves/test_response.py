@@ -1046,7 +1046,20 @@ def test_reasons_of_what_is_not_found_are_true(monkeypatch):
 
 @pytest.mark.parametrize(
     "groups",
-    [[[]], [[2]], [[0.5]], [slice(2, 4)], [["a"]], [0], ["a"], [slice("a")], 3, None, {0: [0]}],
+    [
+        [[]],
+        [[2]],
+        [[0.5]],
+        [slice(2, 4)],
+        [["a"]],
+        [0],
+        ["a"],
+        [slice("a")],
+        3,
+        None,
+        {0: [0]},
+        np.array(0),
+    ],
 )
 def test_means_over_receivers_that_are_not_there_have_no_peaks(groups):
     network = ideal("chain").repeat((9,))

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from fractions import Fraction
 
 import numpy as np
 import pytest
@@ -160,8 +161,9 @@ def test_kernel_refuses():
         Kernel.of(1.0, resolution=0.1, moments=10)
     with pytest.raises(InputError, match=r"1.57e\+10 moments.*1.5e-06 Hz"):
         Kernel.of(1.0, resolution=1e-10)
-    with pytest.raises(InputError, match=r"apart.* 0\.392 Hz"):
-        Kernel.of(1.0, resolution=0.5)
+    for coarse in (0.5, Fraction(1, 2)):
+        with pytest.raises(InputError, match=r"of 0\.5 Hz .*apart.* 0\.392 Hz"):
+            Kernel.of(1.0, resolution=coarse)
     for bad in (0.0, -1.0, math.nan, "3 Hz"):
         with pytest.raises(InputError, match="resolution"):
             Kernel.of(1.0, resolution=bad)
