@@ -1154,7 +1154,8 @@ class _System:
     """The equations of motion of a network with drives, and its state at the present time of a run.
 
     The constructor sets the first six of the attributes below. :meth:`_begin` sets the others for a
-    run, and steps change all of them but ``step``.
+    run, and steps change all of them but ``step``. The constructor raises what :func:`_read_drives`
+    and :class:`WaveOperator` raise.
 
     Attributes
     ----------

@@ -1107,8 +1107,9 @@ def average_pulses(pulses: Sequence[Pulse]) -> Pulse:
     sample: its coherent signal is the mean over all receivers.
 
     All records are cut to the length of the shortest. Frames are left out, as they are of one
-    sample. Warnings are those of all pulses that do not judge their velocity, and those that judge
-    the velocity of the mean.
+    sample. Dampings are those of the first pulse, the other numbers means over samples, but
+    ``left_out`` is the sum, ``echo`` the least and ``fastest`` the greatest. Warnings are those of
+    all pulses that do not judge their velocity, and those that judge the velocity of the mean.
 
     Raises :class:`~granphon.base.errors.InputError` for what is no list or tuple, an empty list,
     and what is no pulse; and for pulses that differ in frequency, cycles, direction, polarisation,
@@ -1337,16 +1338,12 @@ class Route:
             np.any(network.moving & ~course.network.moving)
         )
         fastest = _find_fastest(course, push, sources, receivers, has_fallen)
-        if request.duration is not None:
-            duration = positive("duration", request.duration, "s")
+        if request.duration is None:
+            flight_length = course.find_distance(start, receivers)
+            lengths = flight_length, max(distances)
+            duration = _choose_duration(course, burst, lengths, float(fastest[0]), margin)
         else:
-            velocity = float(fastest[0])
-            duration = burst.duration + _RECORD_LENGTH * max(distances) / velocity
-            if course.is_closed:
-                flight_length = course.find_distance(start, receivers)
-                _require_room(course.period, flight_length, velocity / margin, burst)
-                # the record ends before the pulse that runs the other way round comes
-                duration = min(duration, (course.period - flight_length) / velocity)
+            duration = positive("duration", request.duration, "s")
         return cls(
             course=course,
             burst=burst,
@@ -1420,6 +1417,29 @@ def _require_apart(course: Course, distance: float, sources: Index, receivers: I
     fault = f"the distance of {distance:.6g} m leads to the plane of the source itself"
     why = "The receiving plane is that of the balls nearest to it"
     raise InputError(fault, why, f"Take a longer distance: a ball is {course.spacing:.6g} m wide")
+
+
+def _choose_duration(
+    course: Course,
+    burst: ToneBurst,
+    lengths: tuple[float, float],
+    velocity: float,
+    margin: float,
+) -> float:
+    """Return the default duration of a record, s: that of the ``burst``, and
+    :data:`_RECORD_LENGTH` times the flight of the fastest long wave to the farthest plane. On a
+    closed ``course`` the record ends before that wave comes round the other way.
+
+    ``lengths``, m, are those of the flights to the receiving plane and to the farthest plane, and
+    ``velocity``, m/s, is that of the fastest long wave; ``margin`` is that of :meth:`Route.of`.
+    Raises what :func:`_require_room` raises.
+    """
+    flight_length, farthest = lengths
+    duration = burst.duration + _RECORD_LENGTH * farthest / velocity
+    if not course.is_closed:
+        return duration
+    _require_room(course.period, flight_length, velocity / margin, burst)
+    return min(duration, (course.period - flight_length) / velocity)
 
 
 def _list_readings(burst: ToneBurst, duration: float) -> Array:

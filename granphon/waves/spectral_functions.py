@@ -356,7 +356,7 @@ def _find_directions(
     the balls if there are any, else all.
     """
     unit_q = np.zeros(3)
-    unit_q[: q.size] = q
+    unit_q[: q.size] = q / np.max(np.abs(q))  # squares of the numbers as they are may underflow
     unit_q /= np.linalg.norm(unit_q)
     if name == "longitudinal":
         return unit_q
@@ -485,7 +485,7 @@ def find_lines(kernel: Kernel, values: Array) -> tuple[Array, Array]:
 
 def _find_line(kernel: Kernel, spectrum: Array) -> tuple[float, float]:
     """Return the peak, Hz, and the full width, Hz, of the highest line of a ``spectrum`` (n_f,), as
-    :func:`find_lines` does.
+    :func:`find_lines` does, which says what is raised.
     """
     step = math.pi / (2 * kernel.count - 1)  # difference of theta from point to point
     highest = int(np.argmax(spectrum))

@@ -30,6 +30,7 @@ def integrate_lost(signal, step, end):
         ((1.0, 1.0001), (5.0, 0.0)),  # the signal has a value before its first time
         ((0.0, 1.0, 1.001, 1.002, 50.0), (1.0, 1.0, 0.0, 1.0, 1.0)),  # and goes on after the end
         ((0.0, 0.01, 0.02), (0.0, 1.0, 0.0)),
+        ((0.0, 0.17, 0.34, 0.5), (1.0, -1.0, 1.0, -1.0)),  # as much of it is below zero as above
     ],
 )
 @pytest.mark.parametrize("end", [0.5, 2.0, 10.0])

@@ -156,6 +156,14 @@ def test_the_resolution_that_an_error_names_is_allowed(top, resolution):
     assert moments in (4, 5) or 0.99 * 2**20 < moments <= 2**20
 
 
+@pytest.mark.parametrize("polarisation", ["longitudinal", "transverse"])
+def test_the_longest_waves_along_an_open_axis_have_a_direction(polarisation):
+    lattice = gp.ContactLattice.of("triangular", 0.8)
+    strip = lattice.contact_network(gp.Units(8e-3, 3e6, 2e-3)).repeat((4, 1)).cut(1, 3)
+    found = gp.Waves(strip).spectral_function([[0.0, 5e-324], [0.0, 1e-9]], polarisation)
+    np.testing.assert_allclose(found.values[0], found.values[1], atol=1e-9 * found.values.max())
+
+
 def test_kernel_refuses():
     with pytest.raises(InputError, match="follows"):
         Kernel.of(1.0, resolution=0.1, moments=10)
