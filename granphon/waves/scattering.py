@@ -36,6 +36,7 @@ from granphon.dynamics.bloch_waves import (
     find_bloch_waves,
     require_bloch_memory,
 )
+from granphon.dynamics.compatibility import require_digits
 from granphon.dynamics.damping import GivenLosses, Losses
 from granphon.dynamics.factors import factorise
 from granphon.dynamics.half_space import HalfSpace
@@ -160,10 +161,10 @@ def transmission(
     InputError : a lead without the axis as a period; leads or a strip that do not fit, or with
         other motions of balls; a floor or clamped balls between them; a strip with static
         tangential forces; leads or a strip too wide for the memory; wrong numbers.
-    PrecisionError : a frequency at the very edge of a band, or so low or high that the waves of the
-        leads cannot be told apart; one that is exactly that of a mode of the strip which no wave of
-        the leads reaches; and one at which without losses the two parts do not add up, to 1e-6, to
-        what comes.
+    PrecisionError : a ``q`` too far from Gamma; a frequency at the very edge of a band, or so low
+        or high that the waves of the leads cannot be told apart; one that is exactly that of a mode
+        of the strip which no wave of the leads reaches; and one at which without losses the two
+        parts do not add up, to 1e-6, to what comes.
     """
     work = TransmissionWork.of(left, middle, right, frequencies, axis, q)
     work.require_memory()
@@ -637,10 +638,12 @@ class _Lead(NamedTuple):
         :func:`transmission`.
 
         Raises :class:`~granphon.base.errors.InputError` for what has no network, for an axis that
-        is no period, and for a wave vector of another shape or not finite.
+        is no period, and for a wave vector of another shape or not finite; and
+        :class:`~granphon.base.errors.PrecisionError` for a wave vector too far from Gamma.
         """
         space = HalfSpace(given_network(source), axis)
         wavevector = space.read_wavevector(q)
+        require_digits(wavevector)
         unit_square = (2.0 * np.pi * space.units.frequency) ** 2
         blocks = [unit_square * block for block in space.couplings(wavevector)]
         return cls(space, wavevector, Couplings(*blocks))
@@ -895,7 +898,8 @@ class TransmissionWork:
         """Return the work of a :func:`transmission` with these arguments.
 
         Raises :class:`~granphon.base.errors.InputError` for what has no network, for a lead without
-        the axis as a period, for wrong numbers, and as the constructor does.
+        the axis as a period, for wrong numbers, and as the constructor does; and
+        :class:`~granphon.base.errors.PrecisionError` for ``q`` too far from Gamma.
         """
         hertz = frequency_array("frequencies", frequencies, "above zero")
         first = _Lead.of(left, axis, q)

@@ -426,7 +426,7 @@ class LossSettings(Block, kw_only=True):
 
     def with_losses(self, values: Mapping[str, float]) -> Self:
         """Return the settings with other ``values``, SI, of losses, by the names of
-        :data:`~granphon.balls.packing.LOSS_PARAMETERS`; names that these settings do not have are
+        :data:`~granphon.balls.packing.LOSS_PARAMETERS`; losses that these settings do not have are
         passed over.
 
         If only the first of a pair gets a value, the second gets it too.

@@ -621,6 +621,12 @@ def test_a_strip_that_does_not_fit_is_refused_before_waves_of_leads_are_found(mo
         gp.Waves(strip).estimate("transmission", lead, lead, [100.0])
 
 
+def test_a_wave_vector_along_the_layers_without_digits_is_refused():
+    lead = bulk("square")
+    with pytest.raises(PrecisionError, match="1e\\+20 reciprocal vectors from Gamma"):
+        gp.transmission(lead, None, lead, [100.0], q=[1e20])
+
+
 @pytest.mark.parametrize("largest", [10**6, 3])
 def test_a_mode_of_the_strip_that_no_wave_reaches_is_told(monkeypatch, largest):
     """A ball on one spring to a held ball, which the rest of the chain does not touch: by factors
@@ -638,7 +644,7 @@ def test_a_mode_of_the_strip_that_no_wave_reaches_is_told(monkeypatch, largest):
     frequency = 1.0 / (2.0 * np.pi)
     with pytest.raises(PrecisionError, match=r"159\.15494\d* mHz .*mode of exactly"):
         gp.transmission(lead, strip_with_mode, lead, [frequency])
-    found = gp.transmission(lead, strip_with_mode, lead, [frequency * (1.0 + 1e-6)])
+    found = gp.transmission(lead, strip_with_mode, lead, [frequency * 1.000001])
     assert_allclose([found.transmitted[0], found.reflected[0]], [0.0, 1.0], atol=1e-9)
 
 
