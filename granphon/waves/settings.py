@@ -598,7 +598,7 @@ class SpectrumSettings(Block):
         with_unit(FREQUENCY),
         "standard deviation of the kernel at frequency zero",
         default=None,
-        absent=f"1/{MOMENTS} of a bound of the frequencies, about",
+        absent="0.6 % of a bound of the frequencies, about",
     )
     points: int = setting(
         _POINTS,

@@ -577,10 +577,10 @@ class Waves:
     ) -> Pulse:
         """Send a pulse through the network, and return what is received of it on a plane of balls.
 
-        A force sin(omega (t - P/2)) (1 - cos(2 pi t/P))/2, 1 N at its greatest, pushes each ball of
-        the source from t = 0 to P = cycles/frequency. The dynamics are linear, and propagated to
-        rounding, by an expansion in Chebyshev polynomials: the coefficients that are left out add
-        up to 1e-13 at most.
+        A force sin(omega (t - P/2)) (1 - cos(2 pi t/P))/2, in N, pushes each ball of the source
+        from t = 0 to P = cycles/frequency. The dynamics are linear, and propagated to rounding, by
+        an expansion in Chebyshev polynomials: the coefficients that are left out add up to 1e-13 at
+        most.
 
         Parameters
         ----------
