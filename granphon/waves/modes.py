@@ -39,7 +39,7 @@ from granphon.array.sparse_matrices import LARGEST_FACTORS, LARGEST_UNSYMMETRIC,
 from granphon.base.arrays import Array, Complex
 from granphon.base.errors import ConvergenceError, InputError, message
 from granphon.base.memory import require_memory
-from granphon.base.results import Result, held, result_class
+from granphon.base.results import Result, held, read_only, result_class
 from granphon.base.scales import Units
 from granphon.base.text import counted
 from granphon.base.threads import single_products
@@ -1093,7 +1093,7 @@ class NetworkModes(Result):
         ):
             if derivative is not None:
                 slopes = slopes + derivative * stiffness
-        return np.asarray(2.0 * slopes / self.frequencies[:, None])
+        return read_only(2.0 * slopes / self.frequencies[:, None])
 
     def _square_deformations(self) -> dict[str, Array]:
         """Return for each kind of stiffness, by its name in

@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from granphon.base.arrays import Array
 from granphon.base.errors import InputError, PrecisionError, brief
 from granphon.base.memory import require_memory
-from granphon.base.results import held, result_class
+from granphon.base.results import held, read_only, result_class
 from granphon.base.validation import finite_array, finite_list, one_of, positive
 from granphon.dynamics.zone_means import shortest_vectors
 from granphon.networks.network import ContactNetwork
@@ -639,7 +639,8 @@ class SpectralFunction(Refinable):
         """The peaks (n,), Hz, and the full widths (n,), Hz, of the highest lines as the kernel has
         broadened them.
         """
-        return find_lines(self._kernel, self.values)
+        peaks, widths = find_lines(self._kernel, self.values)
+        return read_only(peaks), read_only(widths)
 
     @cached_property
     def _kernel_width(self) -> Array:
@@ -669,7 +670,7 @@ class SpectralFunction(Refinable):
         the half width of this side. Raises what :attr:`peak` raises.
         """
         _, broadened_width = self._lines
-        return find_true_width(broadened_width, self._kernel_width)
+        return read_only(find_true_width(broadened_width, self._kernel_width))
 
     @property
     def resolved(self) -> NDArray[np.bool_]:

@@ -243,6 +243,7 @@ def test_two_balls(scale):
     energy = np.array([0.6, 0.4])
     assert modes.participation_ratio[0] == pytest.approx(1.0 / (2 * np.sum(energy**2)), rel=1e-12)
     assert modes.rotational_fraction[0] == 0.0
+    assert not modes.contact_shares.flags.writeable
 
 
 def test_balls_between_walls():

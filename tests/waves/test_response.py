@@ -1065,6 +1065,7 @@ def test_means_over_receivers_that_are_not_there_have_no_peaks(groups):
     network = ideal("chain").repeat((9,))
     response = gp.Waves(network).response([HERTZ], (0, "x"), [(2, "x"), (3, "x")], 0.0, 0.1)
     assert response.peaks_of_means([]) == ()
+    assert not any(array.flags.writeable for peaks in response.peaks for array in peaks)
     assert len(response.peaks_of_means([slice(0, 2)])) == 1
     assert len(response.peaks_of_means(np.array([[0, 1], [1, 0]]))) == 2
     with pytest.raises(InputError, match="groups"):

@@ -162,6 +162,7 @@ def test_the_longest_waves_along_an_open_axis_have_a_direction(polarisation):
     strip = lattice.contact_network(gp.Units(8e-3, 3e6, 2e-3)).repeat((4, 1)).cut(1, 3)
     found = gp.Waves(strip).spectral_function([[0.0, 5e-324], [0.0, 1e-9]], polarisation)
     np.testing.assert_allclose(found.values[0], found.values[1], atol=1e-9 * found.values.max())
+    assert not any(array.flags.writeable for array in (found.peak, found.width))
 
 
 def test_kernel_refuses():
