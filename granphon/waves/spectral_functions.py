@@ -495,7 +495,7 @@ def _find_line(kernel: Kernel, spectrum: Array) -> tuple[float, float]:
     half_height = height - math.log(2.0)
     half_widths = []
     for sign, flank in ((-1, log[highest::-1]), (1, log[highest:])):
-        n_points = _count_fall(flank, half_height)
+        n_points = _measure_fall(flank, half_height)
         if n_points is not None:
             crossing = highest + sign * n_points
             half_widths.append(abs(kernel.top * math.sin(step * crossing) - peak))
@@ -508,7 +508,7 @@ def _find_line(kernel: Kernel, spectrum: Array) -> tuple[float, float]:
     return peak, width
 
 
-def _count_fall(flank: Array, level: float) -> float | None:
+def _measure_fall(flank: Array, level: float) -> float | None:
     """Return after how many points, a fraction among these, a ``flank`` (n,), taken as linear
     between points, has fallen to a ``level``, above which it begins; None if it does not fall so
     far.
