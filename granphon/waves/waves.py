@@ -149,7 +149,8 @@ class Waves:
 
         Raises :class:`~granphon.base.errors.InputError` for another name, for arguments that the
         method does not have or that are missing, and for values that the method refuses; but the
-        source and the receiver of a response are not looked at. Raises
+        source and the receiver of a response are not looked at, nor what these require of its
+        polarisation, direction and distance. Raises
         :class:`~granphon.base.errors.ConvergenceError` for a response that takes too much, as
         :meth:`response` does, and :class:`~granphon.base.errors.InstabilityError` for an array that
         does not hold between the free ends of a pulse. Whether the network itself is stable is not
