@@ -21,7 +21,7 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from granphon.base.arrays import Array, Index
+from granphon.base.arrays import Array, Flags, Index
 from granphon.base.errors import (
     InputError,
     InstabilityError,
@@ -216,8 +216,13 @@ class Course:
 
     @cached_property
     def heights(self) -> Array:
-        """(n,) coordinates of balls along the direction, m."""
-        return np.asarray(self.network.positions @ self.direction)
+        """(n,) coordinates of balls along the direction, m; of a flat wall that of a point on it,
+        as its position may be any, unless nothing touches the wall.
+        """
+        heights = np.asarray(self.network.positions @ self.direction)
+        for wall, (point, _) in self.network.walls.items():
+            heights[wall] = point @ self.direction
+        return heights
 
     @cached_property
     def places(self) -> Array:
@@ -300,19 +305,36 @@ class Course:
         return [(np.round(unit[:d], 12) + 0.0, period) for _, unit, period in candidates[:2]]
 
     @cached_property
+    def is_at_flat_wall(self) -> Flags:
+        """(n_c,) whether each contact is that of a ball i and a flat wall j, which has no place of
+        its own along itself.
+        """
+        return np.isinf(self.network.radii[self.network.j])
+
+    @cached_property
+    def lengths(self) -> Array:
+        """(n_c,) lengths of contacts along the direction, m, with a sign: from the centre of ball i
+        to that of ball j, or to the point in which ball i touches a flat wall.
+        """
+        network = self.network
+        # vector is that between the centres, which the normal of a contact need not be along
+        to_centres = network.vector @ self.direction
+        to_walls = network.arm_i * (network.normal @ self.direction)
+        return np.where(self.is_at_flat_wall, to_walls, to_centres)
+
+    @cached_property
     def crossings(self) -> NDArray[np.intp]:
         """(n_c,) how many times each contact, from ball i to ball j, passes the beginning of the
         course: above zero for a contact that leads from the end of the course on to its beginning,
-        below zero for one that leads back from the beginning to the end, and zero for all others.
-        A contact that is longer along the direction than the period may pass it more than once.
+        below zero for one that leads back from the beginning to the end, and zero for all others,
+        as for contacts with flat walls. A contact that is longer along the direction than the
+        period may pass it more than once.
         """
         if math.isinf(self.period):
             return np.zeros(self.network.n_contacts, int)
-        network = self.network
-        place_step = self.places[network.j] - self.places[network.i]
-        # vector is that between the centres, which the normal of a contact need not be along
-        true_step = network.vector @ self.direction
-        return np.rint((true_step - place_step) / self.period).astype(int)
+        place_step = self.places[self.network.j] - self.places[self.network.i]
+        crossings = np.rint((self.lengths - place_step) / self.period).astype(int)
+        return np.where(self.is_at_flat_wall, 0, crossings)
 
     def with_ends(self, ends: str) -> Course:
         """Return the course through the network with the ``ends`` "periodic", "free" or "walls",
@@ -1551,7 +1573,7 @@ def _find_stiffnesses(course: Course, piece_of_ball: Index, pieces: Index) -> Ar
     masses = np.bincount(piece_of_ball[moving], network.masses[moving], n_pieces)
     # in a long wave the motions of the two balls of a contact differ in proportion to its length
     # along the course
-    squared_lengths = (network.vector @ course.direction) ** 2
+    squared_lengths = course.lengths**2
     shear = network.shear_stiffness
     if network.prestress:
         # contacts that pull resist motions across them, as strings do; pressed ones only slow waves

@@ -83,6 +83,7 @@ from granphon.waves.sensitivities import ResponseSensitivities, ResponseSlopes
 from granphon.waves.sensors import (
     DEFAULT_POLARISATION,
     FLOOR,
+    LEAST_COSINE,
     Sensor,
     SensorPlaces,
     find_open_axis,
@@ -777,14 +778,23 @@ class Places:
 
     def _find_held_plane(self, course: Course) -> Index:
         """Return the held bodies (n,) that lie along the ``course`` up to half a diameter behind
-        the first one.
+        the first one. Flat walls along the course are left out, as they have no place on it, and
+        those that nothing touches.
 
-        Raises :class:`~granphon.base.errors.InputError` if no body is held.
+        Raises :class:`~granphon.base.errors.InputError` if no other body is held.
         """
-        held_bodies = np.flatnonzero(~self.network.moving)
+        network = self.network
+        walls_across = [
+            wall
+            for wall, (_, normal) in network.walls.items()
+            if abs(normal @ course.direction) > LEAST_COSINE
+        ]
+        held_balls = np.flatnonzero(~network.moving & np.isfinite(network.radii))
+        held_bodies = np.append(held_balls, np.array(walls_across, np.intp))
         if not held_bodies.size:
             raise InputError(
-                "no body of this network is held", mend="Cut it with clamped edges or a floor"
+                "no body of this network is held, and has a place along the direction",
+                mend="Cut it with clamped edges or a floor",
             )
         heights = course.heights[held_bodies]
         is_first = heights <= np.min(heights) + 0.5 * course.spacing

@@ -795,6 +795,8 @@ class _Lead(NamedTuple):
         diameter = float(2.0 * np.mean(cut.radii[block]))
         outwards = -1.0 if is_lower else 1.0
         heights = strip.positions[:, p] * outwards
+        for wall, (point, _) in strip.walls.items():  # a flat wall may have any position
+            heights[wall] = point[p] * outwards
         heights_above = heights - heights[balls].max()
         # a floor, whose radius is infinite, is never of the same layer as balls
         least_heights = np.where(np.isinf(strip.radii), 0.0, _LEAST_HEIGHT * diameter)

@@ -29,9 +29,9 @@ FLOOR = "floor"
 PLANE = "plane"
 #: polarisation of the planes of a response for which none is given
 DEFAULT_POLARISATION = "longitudinal"
-#: component of a normal along the axis of a sensor up to which the component is zero but for
-#: rounding
-_LEAST_COSINE = 1e-9
+#: component of a normal along a unit vector, as the axis of a sensor, up to which the component is
+#: zero but for rounding
+LEAST_COSINE = 1e-9
 
 
 class Sensor(NamedTuple):
@@ -107,7 +107,7 @@ class SensorPlaces:
         n_ends = (self.i == body).astype(float) + (self.j == body)  # ends of contacts at the body
         contacts = np.flatnonzero(n_ends)
         cosines = np.abs(self.normal[contacts] @ direction)
-        is_along = cosines > _LEAST_COSINE
+        is_along = cosines > LEAST_COSINE
         if not np.any(is_along):
             raise InputError(
                 f"body {body} has no contact along the direction of the sensor",

@@ -1017,8 +1017,11 @@ class DriveSettings(Block):
             )
         # where periods are oblique to all axes, the last axis leads out of the network
         axis = min(list_open_axes(network), default=n_periods)
+        heights = network.positions[:, axis].copy()
+        for wall, (point, _) in network.walls.items():  # a flat wall may have any position
+            heights[wall] = point[axis]
         sign = -1.0 if self.balls == FACES[0] else 1.0
-        return _find_face(network, sign * network.positions[:, axis])
+        return _find_face(network, sign * heights)
 
 
 def _find_face(network: ContactNetwork, heights: Array) -> Index:
@@ -1026,7 +1029,7 @@ def _find_face(network: ContactNetwork, heights: Array) -> Index:
     there is one, else the clamped balls if no ball of the outer layer moves, else the balls of the
     outer layer.
 
-    ``heights`` (n,), m, are those of all balls and walls, and grow towards the face.
+    ``heights`` (n,), m, are those of all balls, and of points on walls, and grow towards the face.
     """
     is_ball = np.isfinite(network.radii)  # the radius of a flat wall is infinite
     top = float(np.max(heights[is_ball]))

@@ -58,6 +58,18 @@ def test_faces_are_across_the_periods_whichever_axis_these_are_along():
     assert np.array_equal(drive.find_balls(turned), upper)
 
 
+def test_a_floor_is_a_face_whatever_its_position():
+    strip = gp.Crystal.on("square", [BALL]).at_force(1.0).network.repeat((3, 1))
+    strip = strip.cut(1, 5, ("floor", "free"))
+    positions = strip.positions.copy()
+    positions[-1, 1] = 1.0
+    moved = replace(strip, positions=positions)
+    for name, index in (("lower", strip.n_balls - 1), ("upper", 12)):
+        balls = DriveSettings(balls=name, impact=0.1).find_balls(moved)
+        assert index in balls
+        assert np.array_equal(balls, DriveSettings(balls=name, impact=0.1).find_balls(strip))
+
+
 def test_a_cut_has_an_axis_layers_and_edges_and_no_more():
     edges = ("free", "free")
     assert ModesSettings(cut=((0, 3),)).cut == ModesSettings(cut=((0, 3, edges),)).cut
