@@ -29,8 +29,8 @@ FLOOR = "floor"
 PLANE = "plane"
 #: polarisation of the planes of a response for which none is given
 DEFAULT_POLARISATION = "longitudinal"
-#: component of a normal along a unit vector, as the axis of a sensor, up to which the component is
-#: zero but for rounding
+#: component of a normal along a unit vector, as the axis of a sensor, or of a period along an axis,
+#: over its length, up to which the component is zero but for rounding
 LEAST_COSINE = 1e-9
 
 
@@ -177,9 +177,11 @@ def find_unused(sources: Sequence[Any], receivers: Sequence[Any], given: Mapping
 
 def list_open_axes(network: ContactNetwork) -> list[int]:
     """Return the axes, 0 to 2 for x to z, of the space of a ``network`` along which the network
-    does not repeat: those along which no period has a component.
+    does not repeat: those along which no period has a component but for rounding.
     """
-    return [axis for axis in range(network.dimension) if not np.any(network.cell[:, axis])]
+    lengths = np.linalg.norm(network.cell, axis=1, keepdims=True)
+    is_closed = np.any(np.abs(network.cell) > LEAST_COSINE * lengths, axis=0)
+    return [axis for axis in range(network.dimension) if not is_closed[axis]]
 
 
 def find_open_axis(network: ContactNetwork) -> Array:
