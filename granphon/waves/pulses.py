@@ -139,7 +139,7 @@ _DISTANCE_REDUCTION = 0.07
 MARGIN = 1.5
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Course:
     """The balls of a network in the order in which a plane wave along ``direction`` meets them.
 
@@ -306,8 +306,8 @@ class Course:
 
     @cached_property
     def is_at_flat_wall(self) -> Flags:
-        """(n_c,) whether each contact is that of a ball i and a flat wall j, which has no place of
-        its own along itself.
+        """(n_c,) whether each contact is that of a ball i and a flat wall j, whose position may be
+        any.
         """
         return np.isinf(self.network.radii[self.network.j])
 

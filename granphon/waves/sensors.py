@@ -54,7 +54,7 @@ class Sensor(NamedTuple):
     weights: Array
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class SensorPlaces:
     """The contacts and bodies of a network in which sensors of force may be.
 
