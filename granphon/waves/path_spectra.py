@@ -346,7 +346,7 @@ def find_packing_points(
     used. Corners may lie in any zone, but none may be the same as the corner before it. Left out
     are the wave vector zero, those farther off the path than half the distance of two points, and
     repeated ones. Raises :class:`~granphon.base.errors.InputError` for fewer than two points, and
-    if no wave vector is left.
+    if no wave vector is left; and what :func:`nearest_wavevectors` raises.
     """
     count = whole_number("points", points, 2)
     periods = network.cell[list(network.pbc)][:, : network.dimension]
@@ -358,8 +358,8 @@ def find_packing_points(
     for leg in legs:
         # half the distance of two points, with room for rounding
         largest_deviation = 0.5 * leg.length / (count - 1) + _ROUNDING * leg.length
-        waves_along_periods = np.rint(leg.place_points(count) @ periods.T / (2.0 * np.pi))
-        for numbers in waves_along_periods:
+        nearest = nearest_wavevectors(network, leg.place_points(count))
+        for numbers in np.rint(nearest @ periods.T / (2.0 * np.pi)):  # of waves along periods
             q = numbers @ reciprocal
             distance, deviation = leg.measure(q)
             if np.any(numbers) and deviation <= largest_deviation:

@@ -220,8 +220,9 @@ class Course:
         as its position may be any, unless nothing touches the wall.
         """
         heights = np.asarray(self.network.positions @ self.direction)
-        for wall, (point, _) in self.network.walls.items():
-            heights[wall] = point @ self.direction
+        if np.any(np.isinf(self.network.radii)):
+            for wall, (point, _) in self.network.walls.items():
+                heights[wall] = point @ self.direction
         return heights
 
     @cached_property

@@ -20,6 +20,7 @@ from granphon.base.errors import InputError, InstabilityError, PrecisionError
 from granphon.figures.plot import plot
 from granphon.networks.network import ContactNetwork
 from granphon.waves.chebyshev import Kernel, Moments
+from granphon.waves.path_spectra import find_packing_points
 from granphon.waves.spectral_functions import (
     PeriodicCell,
     SpectralFunction,
@@ -1000,3 +1001,24 @@ def square_array(shape):
     return (
         gp.ContactLattice.of("square", 0.8).contact_network(gp.Units(8e-3, 3e6, 2e-3)).repeat(shape)
     )
+
+
+def test_wave_vectors_along_a_path_are_the_nearest_in_an_oblique_cell():
+    lattice = gp.ContactLattice.of("triangular", 0.8)
+    network = lattice.contact_network(gp.Units(8e-3, 3e6, 2e-3)).repeat((5, 5))
+    reciprocal = 2.0 * np.pi * np.linalg.pinv(network.cell[:2, :2]).T
+    corners = np.array([[0.4, 0.4], [3.4, -2.6]])
+    start, end = corners @ reciprocal
+    leg = end - start
+    points = start + np.linspace(0.0, 1.0, 4)[:, None] * leg
+    numbers = np.stack(np.meshgrid(*[np.arange(-8, 9)] * 2), axis=-1).reshape(-1, 2)
+    of_cell = numbers @ reciprocal
+    distances = np.linalg.norm(points[:, None] - of_cell, axis=2)
+    nearest = np.unique(np.argmin(distances, axis=1))
+    along = np.clip((of_cell[nearest] - start) @ leg / (leg @ leg), 0.0, 1.0)
+    off_path = np.linalg.norm(of_cell[nearest] - start - along[:, None] * leg, axis=1)
+    expected = of_cell[nearest][off_path <= np.linalg.norm(leg) / 6.0]
+    found = find_packing_points(network, [corners], 4)
+    assert len(expected) > 2
+    in_order = [np.lexsort(np.round(q, 6).T) for q in (found.q, expected)]
+    np.testing.assert_allclose(found.q[in_order[0]], expected[in_order[1]], atol=1e-9)
