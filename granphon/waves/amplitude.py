@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 
 from granphon.base.arrays import Array, Complex
 from granphon.base.errors import InputError
+from granphon.base.memory import require_memory
 from granphon.base.validation import real_array, whole_number
 from granphon.contacts.motion_laws import Powers
 from granphon.dynamics.compatibility import require_digits
@@ -19,6 +20,8 @@ from granphon.waves.operator import WaveOperator
 #: share of the highest squared frequency, or of the norm of a mode, up to which a number is zero
 #: but for rounding
 _ROUNDING = 1e-10
+#: dense complex matrices of all motions that are held at a time
+_N_MATRICES = 4.0
 
 
 def amplitude_shift(x: Any, q: ArrayLike, branch: int = 0, law: Any = None) -> float:
@@ -39,8 +42,8 @@ def amplitude_shift(x: Any, q: ArrayLike, branch: int = 0, law: Any = None) -> f
     law that is no power of the overlap, and for contacts without an overlap; for a network that
     does not repeat, and for ``q`` of another shape, not finite, or with a component across the
     periods; for a number that no branch has, and for a branch whose frequency at q is zero or that
-    of another branch, or in which balls only turn; and if a wave of wave vector 2 q has twice the
-    frequency. Raises
+    of another branch, or in which balls only turn; if a wave of wave vector 2 q has twice the
+    frequency; and for a network whose dense matrices do not fit into memory. Raises
     :class:`~granphon.base.errors.PrecisionError` for ``q`` too far from Gamma.
     """
     waves = NonlinearWaves(x, law)
@@ -58,6 +61,8 @@ def amplitude_shift(x: Any, q: ArrayLike, branch: int = 0, law: Any = None) -> f
     operator = WaveOperator(network)
     wavevector = _read_wavevector(network, q)
     number = whole_number("branch", branch, 0, operator.size - 1)
+    memory = 16.0 * _N_MATRICES * float(operator.size) ** 2  # 16 bytes for each number
+    require_memory(f"dense matrices of {operator.size:,} motions", memory, "Take fewer balls")
     matrix, rows = _compose_harmonic(operator, wavevector, 1)
     square, vector = _find_single_mode(matrix, number, operator.top**2)
     amplitude = _find_amplitude(operator, vector, number)
@@ -136,8 +141,8 @@ def _compose_harmonic(
     periods = np.flatnonzero(network.pbc)
     angle = 2.0j * np.pi * (network.shift[:, periods] @ wavevector)
     phase = np.exp(harmonic * angle)  # (n_c,) of the second ball of each contact
-    deformations = operator.compose(operator.law_rows, phase).toarray()
-    elongations = deformations[: network.n_contacts]  # rows of this kind come first
+    deformations = operator.compose(operator.law_rows, phase)
+    elongations = deformations[: network.n_contacts].toarray()  # rows of this kind come first
     return operator.weigh(phase=phase).toarray(), elongations
 
 

@@ -18,7 +18,7 @@ from granphon.base.validation import finite_array, whole_number
 from granphon.dynamics.compatibility import require_digits
 from granphon.dynamics.lowest_modes import size_block
 from granphon.waves.lowest import find_lowest
-from granphon.waves.modes import MOST_DENSE_MOTIONS, ZERO, find_allowed_fall
+from granphon.waves.modes import MOST_DENSE_MOTIONS, MOST_MODES, ZERO, find_allowed_fall
 from granphon.waves.operator import WaveOperator, explain_instability
 
 
@@ -55,7 +55,7 @@ def read_count(operator: WaveOperator, count: int) -> int:
     more branches than there are; and for more than the block of vectors of a large network can
     find, about a third of all.
     """
-    count = whole_number("count", count, 1)
+    count = whole_number("count", count, 1, MOST_MODES)
     size = operator.size
     # an iteration of the block has a space of three blocks: vectors, residuals and last changes
     exceeds_space = size > MOST_DENSE_MOTIONS and 3 * size_block(count) > size

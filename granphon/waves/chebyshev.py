@@ -32,7 +32,7 @@ from numpy.typing import ArrayLike
 from granphon.base.arrays import Array
 from granphon.base.errors import InputError
 from granphon.base.progress import Step, silent
-from granphon.base.results import Result
+from granphon.base.results import Result, read_only
 from granphon.base.validation import positive, whole_number
 from granphon.waves.operator import WaveOperator, explain_instability
 from granphon.waves.settings import MOMENTS
@@ -88,8 +88,9 @@ class Kernel:
                 "Each follows from the other",
                 "Leave one of them out",
             )
+        resolution = positive("resolution", resolution, "Hz")
         # the resolution of M moments is pi top / 2M
-        least_count = math.pi * top / (2.0 * positive("resolution", resolution, "Hz"))
+        least_count = math.pi * top / (2.0 * resolution)
         if least_count > _MOST_MOMENTS:
             finest_resolution = _round(cls(top, _MOST_MOMENTS).resolution, decimal.ROUND_CEILING)
             raise InputError(
@@ -122,7 +123,7 @@ class Kernel:
         orders = 2.0 * np.arange(self.moments)
         cosines = (n_orders - orders) * np.cos(orders * angle)
         sines = np.sin(orders * angle) / math.tan(angle)
-        return np.asarray((cosines + sines) / n_orders)
+        return read_only((cosines + sines) / n_orders)
 
     @property
     def count(self) -> int:
@@ -135,7 +136,7 @@ class Kernel:
         ascending frequencies: from pi/2 down to nearly zero.
         """
         steps_from_top = self.count - 0.5 - np.arange(self.count)
-        return np.asarray(math.pi * steps_from_top / (2 * self.count - 1))
+        return read_only(math.pi * steps_from_top / (2 * self.count - 1))
 
     @cached_property
     def frequencies(self) -> Array:
@@ -144,7 +145,7 @@ class Kernel:
         """
         # pi/2 - theta, of which the sine is exact at zero
         complements = math.pi * np.arange(self.count) / (2 * self.count - 1)
-        return np.asarray(self.top * np.sin(complements))
+        return read_only(self.top * np.sin(complements))
 
     def densities(self, moments: ArrayLike) -> Array:
         """Return the densities (..., n_f), 1/Hz, at :attr:`frequencies`, of spectra with the
@@ -287,7 +288,7 @@ class _Recursion:
 
         Moments that are not known are computed. If this needs the recursion and its vectors were
         not kept, known moments are dropped and the recursion begins again. The ``step`` is told of
-        each product with a vector.
+        each product with a vector. Raises what :meth:`_add_two` raises.
         """
         moments = self._moments
         if len(moments) < count and self._vectors is None:

@@ -374,7 +374,7 @@ class WaveEstimate:
         products = count_products(self.operator, pulse)
         n_frames = np.size(pulse.frames)
         memory = find_frames_memory(n_frames, self.operator.network.n_balls, self.operator.size)
-        words = f"pulse of {write_quantity(pulse.frequency, 'Hz')}"
+        words = f"pulse of {write_quantity(float(pulse.frequency), 'Hz')}"
         return self._cost_products(words, products, memory=memory)
 
 

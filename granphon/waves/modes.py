@@ -38,7 +38,8 @@ from numpy.typing import NDArray
 from granphon.array.sparse_matrices import LARGEST_FACTORS, LARGEST_UNSYMMETRIC, share_places
 from granphon.base.arrays import Array, Complex
 from granphon.base.errors import ConvergenceError, InputError, message
-from granphon.base.results import Result, held, result_class
+from granphon.base.memory import require_memory
+from granphon.base.results import Result, held, read_only, result_class
 from granphon.base.scales import Units
 from granphon.base.text import counted
 from granphon.base.threads import single_products
@@ -65,6 +66,11 @@ from granphon.waves.operator import WaveOperator, explain_instability
 
 #: most motions of a network all of whose modes are found at once, by a dense matrix
 MOST_DENSE_MOTIONS = 600
+#: most modes that a request may name: no network has as many
+MOST_MODES = 10**9
+#: copies of the modes that are held at a time: the vectors in which they are found, an orthonormal
+#: basis of these and its product with D, and the modes, their product with D and their residuals
+_MODE_COPIES = 6.0
 #: frequency over the top frequency at or below which a mode counts as a zero mode, one that costs
 #: no energy
 ZERO = 1e-6
@@ -284,7 +290,8 @@ class Problem:
 
     def count_below(self, value: float) -> int:
         """Return the number of eigenvalues of D on the live motions below ``value``, (rad/s)^2; if
-        the value is exactly an eigenvalue, the number below a value a little beside.
+        the value is exactly an eigenvalue, the number below a value a little beside. Raises what
+        :meth:`factorise_shifted` raises.
         """
         return self.factorise_shifted(value).n_below
 
@@ -554,7 +561,7 @@ class _Density:
 
     def find_half_width(self, centre: float, count: float) -> float:
         """Return the half width of the window about ``centre`` in which :meth:`count_within` finds
-        ``count`` modes; pi if there are fewer in all.
+        ``count`` modes; pi if there are no more in all.
         """
         from scipy.optimize import brentq
 
@@ -1086,7 +1093,7 @@ class NetworkModes(Result):
         ):
             if derivative is not None:
                 slopes = slopes + derivative * stiffness
-        return np.asarray(2.0 * slopes / self.frequencies[:, None])
+        return read_only(2.0 * slopes / self.frequencies[:, None])
 
     def _square_deformations(self) -> dict[str, Array]:
         """Return for each kind of stiffness, by its name in
@@ -1174,28 +1181,23 @@ def read_request(operator: WaveOperator, count: int, nearest: float | None) -> t
     modes, the lowest or those nearest to the frequency ``nearest``, Hz.
 
     Raises :class:`~granphon.base.errors.InputError` for a ``count`` that is no whole number, 1 or
-    more; for more modes than there are motions that some spring or static force acts on; and for a
-    frequency that is no finite number, zero or above, or is above the bound of all frequencies of
-    the ``operator``.
+    more; for more modes than there are motions that some spring or static force acts on, or than
+    memory holds; and for a frequency that is no finite number, zero or above, or is above the bound
+    of all frequencies of the ``operator``.
     """
-    count = whole_number("count", count, 1)
-    target = _read_target(nearest)
+    count = whole_number("count", count, 1, MOST_MODES)
+    hertz = 0.0 if nearest is None else not_negative("nearest", nearest, "Hz")
+    target = 2.0 * math.pi * hertz
     if target > operator.top:
         top = operator.top / (2.0 * math.pi)
         raise InputError(
-            f"the network has no modes near {nearest:g} Hz",
+            f"the network has no modes near {hertz:g} Hz",
             f"All frequencies are below {top:.6g} Hz",
         )
     require_motions(count, Problem.of(operator).live.size)
+    memory = 8.0 * _MODE_COPIES * operator.size * count  # 8 bytes for each number
+    require_memory(f"{count:,} modes of {operator.size:,} motions", memory, "Ask for fewer")
     return count, target
-
-
-def _read_target(nearest: float | None) -> float:
-    """Return the angular frequency, rad/s, of the frequency ``nearest``, Hz; zero for None.
-
-    Raises :class:`~granphon.base.errors.InputError` for what is no finite number, zero or above.
-    """
-    return 0.0 if nearest is None else 2.0 * math.pi * not_negative("nearest", nearest, "Hz")
 
 
 def find_damped(
@@ -1318,7 +1320,8 @@ def _find_damped_near(
 
     Raises :class:`~granphon.base.errors.InputError` if fewer modes cost energy, or if so many are
     requested that Arnoldi's method would have to find half of all rates, of which each mode has
-    two.
+    two; :class:`~granphon.base.errors.ConvergenceError` if the iteration does not end; and what
+    :func:`_find_zero_motions` raises.
     """
     zero_motions = _find_zero_motions(problem, count)
     n_elastic = problem.live.size - zero_motions.shape[1]
@@ -1358,7 +1361,9 @@ def _find_zero_motions(problem: Problem, count: int) -> Array:
     or by a dense matrix if factors do not find them all.
 
     ``count``, the number of modes that are requested, is for the message of the error that
-    :func:`_diagonalise` raises for a matrix that is too large.
+    :func:`_diagonalise` raises for a matrix that is too large. Raises this error, what
+    :func:`find_roots` and :meth:`Problem.factorise_shifted` raise, and
+    :class:`~granphon.base.errors.ConvergenceError` if the iteration does not end.
     """
     n_zeros = problem.count_below((ZERO * problem.top) ** 2)
     if not n_zeros:
@@ -1487,7 +1492,8 @@ def _diagonalise_whole(
     ``matrix`` (live, live) is the whole matrix over the square of the top frequency, as are the
     squares; ``target`` is over the top frequency. Raises
     :class:`~granphon.base.errors.InputError` if fewer modes cost energy, if so many are requested
-    that Arnoldi's method would have to find a third of all, and for a matrix that is too large.
+    that Arnoldi's method would have to find a third of all, and for a matrix that is too large; and
+    :class:`~granphon.base.errors.ConvergenceError` if the iteration does not end.
     """
     size = matrix.shape[0]
     if size <= MOST_DENSE_MOTIONS:
@@ -1544,7 +1550,9 @@ def _choose_whole(
 
 
 def require_stable(operator: WaveOperator) -> None:
-    """Raise :class:`~granphon.base.errors.InstabilityError` unless :func:`is_stable`."""
+    """Raise :class:`~granphon.base.errors.InstabilityError` unless the network of the ``operator``
+    is stable by :func:`is_stable`, and what that function raises.
+    """
     if not is_stable(operator):
         raise explain_instability(operator.network)
 
@@ -1560,6 +1568,9 @@ def is_stable(operator: WaveOperator, fall: float | None = None) -> bool:
     For networks too large to be factorised the lowest Ritz value of a Krylov space of D decides.
     With static tangential forces this value may be below zero by :data:`_RITZ_ERROR` times top^2,
     whatever ``fall`` is.
+
+    Raises :class:`~granphon.base.errors.ConvergenceError` if the matrix cannot be factorised, or
+    the lowest eigenvalue of the whole matrix is not found.
     """
     if not operator.network.prestress:
         return True
@@ -1865,7 +1876,6 @@ def count_modes(operator: WaveOperator, frequencies: Array) -> NDArray[np.intp]:
     require_countable(operator)
     problem = Problem.of(operator)
     size = problem.live.size
-    # modes up to this frequency cost no energy, and are below every frequency
     # modes up to this frequency cost no energy, and are below every frequency
     least_frequency = ZERO * problem.top / (2.0 * math.pi)
     top_frequency = problem.top / (2.0 * math.pi)

@@ -847,7 +847,8 @@ def _name_axes(name: str, owner: type[Result]) -> tuple[str, ...]:
     """Return the names, in a file, of the axes of the field ``name`` of the class ``owner``."""
     names = {"f": "time", "n": "ball", "c": "contact", "3": "axis", "m": "met", "2": "end"}
     if owner is ContactNetwork:
-        names["c"] = "network_contact"
+        # of these letters the class means contacts before others came about, and motions of a ball
+        names |= {"c": "network_contact", "m": "motion"}
     letters = owner._shapes[name].rstrip("?").split()
     return tuple(names[letter] for letter in letters)
 

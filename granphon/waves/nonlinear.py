@@ -142,7 +142,7 @@ class Drive:
     Parameters
     ----------
     balls : index of a ball or body, or several indices, each once.
-    direction : (3,), or as many numbers as the network has dimensions; its length does not matter.
+    direction : (1,) to (3,) vector, whose length does not matter.
     displacement : function of the time, s, that returns the displacement of the balls, m, zero at
         the time zero. The balls move so whatever acts on them; bodies that are held may be moved.
     force : function of the time, s, that returns the force on each of the balls, N.
@@ -190,6 +190,19 @@ class NonlinearWaves:
         energies is not kept exactly.
     gravity : (3,) or (d,) acceleration of the balls, m/s2, in addition to the load that holds a
         state at rest. A state that was found under gravity already has it in its load.
+
+    Attributes
+    ----------
+    network : the balls at rest, and their contacts.
+    geometry : "lattice" or "exact", as given.
+    normal : the laws of the normal forces of all contacts, as functions of their elongation.
+    punch : (n_c,) stiffnesses of flat punches as wide as the contacts at rest, N/m, to which
+        stiffnesses against slip, twist and rolling are in proportion; normal stiffnesses if the
+        law knows no radii of contacts.
+    mu : the coefficient of friction; infinite if contacts do not slide.
+    losses : the losses of the network.
+    rules : how contacts follow motions: whether they turn, slide, and may be pulled by dashpots.
+    gravity : (3,) acceleration, m/s2; zero if none is given.
 
     Raises
     ------
@@ -1141,7 +1154,8 @@ class _System:
     """The equations of motion of a network with drives, and its state at the present time of a run.
 
     The constructor sets the first six of the attributes below. :meth:`_begin` sets the others for a
-    run, and steps change them.
+    run, and steps change all of them but ``step``. The constructor raises what :func:`_read_drives`
+    and :class:`WaveOperator` raise.
 
     Attributes
     ----------
@@ -1152,10 +1166,18 @@ class _System:
     network : the network of the waves, in which bodies that drives displace have infinite masses.
     operator : the dynamical matrix of this network, by whose vectors (size,) motions are numbered.
     bound : the bounds of the rates of motions, from which the time step follows.
+    step : time step, s; contacts whose force jumps cut a step into parts.
+    x, v : (size,) mass-weighted motions and velocities now.
+    acceleration, last_acceleration : (size,) mass-weighted accelerations with which the next step
+        begins, and those of the step before, of which an implicit step makes its first guess.
+    contacts : the contacts of the network and of pairs of balls that may meet.
     current : the contacts now.
     joined : (n_c,) whether each contact is joined, for laws whose force jumps; None for others.
     strokes, drive_forces : displacements, m, and forces, N, of the drives now.
+    resistances : forces, N, with which contacts and the load now resist each displacement of a
+        drive.
     energies : energies since the start.
+    widest : greatest radius of a contact over that of its smaller ball, in all frames so far.
     """
 
     current: Moment
@@ -1903,18 +1925,30 @@ class _System:
         j = j[is_near]
         shift = np.zeros((len(i), 3), np.intp)
         shift[:, list(network.pbc)] = cells[is_near]
+        pairs = np.concatenate([np.column_stack([i, j, shift]), self._find_wall_pairs(positions)])
+        has_moving_body = np.any(network.moving[pairs[:, :2]], axis=1)
+        # a pair that is also a contact of the network has one row, the first of which is a contact
+        rows = np.concatenate([self._list_contacts_as_pairs(), pairs[has_moving_body]])
+        table, first_rows = np.unique(rows, axis=0, return_index=True)
+        return np.asarray(table[first_rows >= network.n_contacts])
+
+    def _find_wall_pairs(self, positions: Array) -> Index:
+        """Return the pairs (k, 5) of a ball and a flat wall whose gap is below the margin, as
+        (i, j, shift) with the ball i, the wall j and no shift, when bodies are at ``positions``
+        (n, 3), m.
+        """
+        network = self.network
+        balls = np.flatnonzero(np.isfinite(network.radii))
+        pairs = [np.zeros((0, 5), np.intp)]
         for wall, (point, toward) in network.walls.items():
             displacement = positions[wall] - network.positions[wall]
-            gaps = (point + displacement - positions[balls]) @ toward - radii[balls]
+            gaps = (point + displacement - positions[balls]) @ toward - network.radii[balls]
             near_balls = balls[gaps < self._skin]
-            i = np.append(i, near_balls)
-            j = np.append(j, np.full(len(near_balls), wall))
-            shift = np.concatenate([shift, np.zeros((len(near_balls), 3), np.intp)])
-        pairs = np.column_stack([i, j, shift])[network.moving[i] | network.moving[j]]
-        # a pair that is also a contact of the network has one row, the first of which is a contact
-        contacts = self._list_contacts_as_pairs()
-        table, first_rows = np.unique(np.concatenate([contacts, pairs]), axis=0, return_index=True)
-        return np.asarray(table[first_rows >= network.n_contacts])
+            wall_pairs = np.zeros((len(near_balls), 5), np.intp)
+            wall_pairs[:, 0] = near_balls
+            wall_pairs[:, 1] = wall
+            pairs.append(wall_pairs)
+        return np.concatenate(pairs)
 
     def _list_contacts_as_pairs(self) -> Index:
         """Return the contacts (n_c, 5) of the network as :meth:`_find_pairs` writes pairs, (i, j,

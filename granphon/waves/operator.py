@@ -102,7 +102,10 @@ class WaveOperator(LinearOperator):
     """D of a network, (rad/s)^2, as a linear operator on vectors (size,) of mass-weighted motions,
     made of sparse matrices; the head of this module defines both.
 
-    Raises :class:`~granphon.base.errors.InputError` if no ball moves, or there is no contact.
+    Arrays and matrices are made when they are asked for first, and then kept: callers must not
+    change them. The constructor raises :class:`~granphon.base.errors.InputError` if no ball moves,
+    or there is no contact; and all that is made of :attr:`rows`, as D is, if the motions of balls
+    deform no contact.
 
     Attributes
     ----------
@@ -146,12 +149,16 @@ class WaveOperator(LinearOperator):
     # -- vectors and values of balls ---------------------------------------------------------------
 
     def vector(self, values: ArrayLike) -> NDArray[Any]:
-        """Return the vector (size, ...) of values (n_free, motions, ...) of balls that move."""
+        """Return the vector (size, ...) of values (n_free, motions, ...) of balls that move; it may
+        share their memory.
+        """
         values = np.asarray(values)
         return values.reshape(self.size, *values.shape[2:])
 
     def values(self, vector: ArrayLike) -> NDArray[Any]:
-        """Return the values (n_free, motions, ...) of balls that move in a vector (size, ...)."""
+        """Return the values (n_free, motions, ...) of balls that move in a vector (size, ...); they
+        may share its memory.
+        """
         vector = np.asarray(vector)
         return vector.reshape(self.balls.size, self.motions.count, *vector.shape[1:])
 
@@ -243,7 +250,8 @@ class WaveOperator(LinearOperator):
     @cached_property
     def rows(self) -> list[Row]:
         """The kinds of deformation of contacts by springs, each as coefficients of u and w of the
-        balls of all contacts; see :func:`~granphon.dynamics.deformation_rows.network_rows`.
+        balls of all contacts; see :func:`~granphon.dynamics.deformation_rows.network_rows`, which
+        says what is raised.
         """
         return network_rows(self.network)
 

@@ -111,7 +111,8 @@ class PathSpectra(Result):
     @property
     def numbers(self) -> dict[str, Array]:
         """The numbers (polarisations, n) of the lines, by the names of their columns in
-        :meth:`write_csv`: peak and width, Hz, mean_free_path, m, and attenuation, 1/m.
+        :meth:`write_csv`: peak and width, Hz, mean_free_path, m, and attenuation, 1/m. Raises what
+        these attributes of :class:`SpectralFunction` raise.
         """
         return {
             name: np.array([getattr(spectrum, name) for spectrum in self.spectra])
@@ -131,8 +132,9 @@ class PathSpectra(Result):
 
         An earlier table with the same columns is replaced. Raises
         :class:`~granphon.base.errors.InputError` for errors of another name or shape, or that are
-        no numbers, and if ``path`` is no path; and :class:`~granphon.base.errors.OutputError` if
-        another file is there, also a table with other columns, or the file cannot be written.
+        no numbers, if ``path`` is no path, and for spectra whose :attr:`numbers` are not known; and
+        :class:`~granphon.base.errors.OutputError` if another file is there, also a table with other
+        columns, or the file cannot be written.
         """
         require_path(path)
         tables = self._read_errors(errors or {})
@@ -344,7 +346,7 @@ def find_packing_points(
     used. Corners may lie in any zone, but none may be the same as the corner before it. Left out
     are the wave vector zero, those farther off the path than half the distance of two points, and
     repeated ones. Raises :class:`~granphon.base.errors.InputError` for fewer than two points, and
-    if no wave vector is left.
+    if no wave vector is left; and what :func:`nearest_wavevectors` raises.
     """
     count = whole_number("points", points, 2)
     periods = network.cell[list(network.pbc)][:, : network.dimension]
@@ -356,8 +358,8 @@ def find_packing_points(
     for leg in legs:
         # half the distance of two points, with room for rounding
         largest_deviation = 0.5 * leg.length / (count - 1) + _ROUNDING * leg.length
-        waves_along_periods = np.rint(leg.place_points(count) @ periods.T / (2.0 * np.pi))
-        for numbers in waves_along_periods:
+        nearest = nearest_wavevectors(network, leg.place_points(count))
+        for numbers in np.rint(nearest @ periods.T / (2.0 * np.pi)):  # of waves along periods
             q = numbers @ reciprocal
             distance, deviation = leg.measure(q)
             if np.any(numbers) and deviation <= largest_deviation:

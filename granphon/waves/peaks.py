@@ -24,6 +24,7 @@ from numpy.polynomial import polynomial
 from numpy.typing import NDArray
 
 from granphon.base.arrays import Array, Complex, Index
+from granphon.base.results import read_only
 
 #: most rounds in which a narrow line is approached: with each round the distance from its pole, in
 #: half widths, becomes about its square
@@ -69,7 +70,7 @@ Solve = Callable[[Array], Complex]
 
 
 class Peaks(NamedTuple):
-    """Peaks of a magnitude over frequency.
+    """Peaks of a magnitude over frequency; arrays are read-only.
 
     Attributes
     ----------
@@ -123,9 +124,9 @@ def find_peaks(
         fits = fits.replace_where(is_better, refined_fits)
     peaks = []
     for receiver, is_peak in enumerate(is_top.T):
-        peak_frequencies = np.sqrt(fits.squares[is_peak, receiver])
-        heights = fits.heights[is_peak, receiver]
-        quality = fits.quality[is_peak, receiver]
+        peak_frequencies = read_only(np.sqrt(fits.squares[is_peak, receiver]))
+        heights = read_only(fits.heights[is_peak, receiver])
+        quality = read_only(fits.quality[is_peak, receiver])
         peaks.append(Peaks(peak_frequencies, heights, quality))
     return tuple(peaks)
 

@@ -136,7 +136,7 @@ class ToneBurst:
         return integrals
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Exponentials:
     """The motion of the damped oscillator at each node, after a unit of momentum at the time zero,
     as a sum of exponentials exp(rate t).

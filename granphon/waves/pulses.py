@@ -21,7 +21,7 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from granphon.base.arrays import Array, Index
+from granphon.base.arrays import Array, Flags, Index
 from granphon.base.errors import (
     InputError,
     InstabilityError,
@@ -139,7 +139,7 @@ _DISTANCE_REDUCTION = 0.07
 MARGIN = 1.5
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Course:
     """The balls of a network in the order in which a plane wave along ``direction`` meets them.
 
@@ -216,8 +216,14 @@ class Course:
 
     @cached_property
     def heights(self) -> Array:
-        """(n,) coordinates of balls along the direction, m."""
-        return np.asarray(self.network.positions @ self.direction)
+        """(n,) coordinates of balls along the direction, m; of a flat wall that of a point on it,
+        as its position may be any, unless nothing touches the wall.
+        """
+        heights = np.asarray(self.network.positions @ self.direction)
+        if np.any(np.isinf(self.network.radii)):
+            for wall, (point, _) in self.network.walls.items():
+                heights[wall] = point @ self.direction
+        return heights
 
     @cached_property
     def places(self) -> Array:
@@ -300,19 +306,36 @@ class Course:
         return [(np.round(unit[:d], 12) + 0.0, period) for _, unit, period in candidates[:2]]
 
     @cached_property
+    def is_at_flat_wall(self) -> Flags:
+        """(n_c,) whether each contact is that of a ball i and a flat wall j, whose position may be
+        any.
+        """
+        return np.isinf(self.network.radii[self.network.j])
+
+    @cached_property
+    def lengths(self) -> Array:
+        """(n_c,) lengths of contacts along the direction, m, with a sign: from the centre of ball i
+        to that of ball j, or to the point in which ball i touches a flat wall.
+        """
+        network = self.network
+        # vector is that between the centres, which the normal of a contact need not be along
+        to_centres = network.vector @ self.direction
+        to_walls = network.arm_i * (network.normal @ self.direction)
+        return np.where(self.is_at_flat_wall, to_walls, to_centres)
+
+    @cached_property
     def crossings(self) -> NDArray[np.intp]:
         """(n_c,) how many times each contact, from ball i to ball j, passes the beginning of the
         course: above zero for a contact that leads from the end of the course on to its beginning,
-        below zero for one that leads back from the beginning to the end, and zero for all others.
-        A contact that is longer along the direction than the period may pass it more than once.
+        below zero for one that leads back from the beginning to the end, and zero for all others,
+        as for contacts with flat walls. A contact that is longer along the direction than the
+        period may pass it more than once.
         """
         if math.isinf(self.period):
             return np.zeros(self.network.n_contacts, int)
-        network = self.network
-        place_step = self.places[network.j] - self.places[network.i]
-        # vector is that between the centres, which the normal of a contact need not be along
-        true_step = network.vector @ self.direction
-        return np.rint((true_step - place_step) / self.period).astype(int)
+        place_step = self.places[self.network.j] - self.places[self.network.i]
+        crossings = np.rint((self.lengths - place_step) / self.period).astype(int)
+        return np.where(self.is_at_flat_wall, 0, crossings)
 
     def with_ends(self, ends: str) -> Course:
         """Return the course through the network with the ``ends`` "periodic", "free" or "walls",
@@ -1107,8 +1130,9 @@ def average_pulses(pulses: Sequence[Pulse]) -> Pulse:
     sample: its coherent signal is the mean over all receivers.
 
     All records are cut to the length of the shortest. Frames are left out, as they are of one
-    sample. Warnings are those of all pulses that do not judge their velocity, and those that judge
-    the velocity of the mean.
+    sample. Dampings are those of the first pulse, the other numbers means over samples, but
+    ``left_out`` is the sum, ``echo`` the least and ``fastest`` the greatest. Warnings are those of
+    all pulses that do not judge their velocity, and those that judge the velocity of the mean.
 
     Raises :class:`~granphon.base.errors.InputError` for what is no list or tuple, an empty list,
     and what is no pulse; and for pulses that differ in frequency, cycles, direction, polarisation,
@@ -1337,16 +1361,12 @@ class Route:
             np.any(network.moving & ~course.network.moving)
         )
         fastest = _find_fastest(course, push, sources, receivers, has_fallen)
-        if request.duration is not None:
-            duration = positive("duration", request.duration, "s")
+        if request.duration is None:
+            flight_length = course.find_distance(start, receivers)
+            lengths = flight_length, max(distances)
+            duration = _choose_duration(course, burst, lengths, float(fastest[0]), margin)
         else:
-            velocity = float(fastest[0])
-            duration = burst.duration + _RECORD_LENGTH * max(distances) / velocity
-            if course.is_closed:
-                flight_length = course.find_distance(start, receivers)
-                _require_room(course.period, flight_length, velocity / margin, burst)
-                # the record ends before the pulse that runs the other way round comes
-                duration = min(duration, (course.period - flight_length) / velocity)
+            duration = positive("duration", request.duration, "s")
         return cls(
             course=course,
             burst=burst,
@@ -1420,6 +1440,29 @@ def _require_apart(course: Course, distance: float, sources: Index, receivers: I
     fault = f"the distance of {distance:.6g} m leads to the plane of the source itself"
     why = "The receiving plane is that of the balls nearest to it"
     raise InputError(fault, why, f"Take a longer distance: a ball is {course.spacing:.6g} m wide")
+
+
+def _choose_duration(
+    course: Course,
+    burst: ToneBurst,
+    lengths: tuple[float, float],
+    velocity: float,
+    margin: float,
+) -> float:
+    """Return the default duration of a record, s: that of the ``burst``, and
+    :data:`_RECORD_LENGTH` times the flight of the fastest long wave to the farthest plane. On a
+    closed ``course`` the record ends before that wave comes round the other way.
+
+    ``lengths``, m, are those of the flights to the receiving plane and to the farthest plane, and
+    ``velocity``, m/s, is that of the fastest long wave; ``margin`` is that of :meth:`Route.of`.
+    Raises what :func:`_require_room` raises.
+    """
+    flight_length, farthest = lengths
+    duration = burst.duration + _RECORD_LENGTH * farthest / velocity
+    if not course.is_closed:
+        return duration
+    _require_room(course.period, flight_length, velocity / margin, burst)
+    return min(duration, (course.period - flight_length) / velocity)
 
 
 def _list_readings(burst: ToneBurst, duration: float) -> Array:
@@ -1531,7 +1574,7 @@ def _find_stiffnesses(course: Course, piece_of_ball: Index, pieces: Index) -> Ar
     masses = np.bincount(piece_of_ball[moving], network.masses[moving], n_pieces)
     # in a long wave the motions of the two balls of a contact differ in proportion to its length
     # along the course
-    squared_lengths = (network.vector @ course.direction) ** 2
+    squared_lengths = course.lengths**2
     shear = network.shear_stiffness
     if network.prestress:
         # contacts that pull resist motions across them, as strings do; pressed ones only slow waves
@@ -1817,7 +1860,8 @@ def _require_reached(operator: WaveOperator, hertz: float) -> None:
     """Raise :class:`~granphon.base.errors.UnreachableFrequencyError` if the frequency ``hertz``,
     Hz, is above those of all modes.
 
-    The highest mode is only computed if a bound does not decide.
+    The highest mode is only computed if a bound does not decide. Raises
+    :class:`~granphon.base.errors.ConvergenceError` if this mode is not found.
     """
     from scipy.sparse.linalg import eigsh
 

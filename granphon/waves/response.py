@@ -83,6 +83,7 @@ from granphon.waves.sensitivities import ResponseSensitivities, ResponseSlopes
 from granphon.waves.sensors import (
     DEFAULT_POLARISATION,
     FLOOR,
+    LEAST_COSINE,
     Sensor,
     SensorPlaces,
     find_open_axis,
@@ -283,7 +284,7 @@ class Response(Result, array="values"):
         neither a list nor a slice, for one without a receiver or with a receiver twice, and for
         receivers that are not there.
         """
-        if not isinstance(groups, Sequence | np.ndarray):
+        if not _is_list(groups):
             mend = "Give a list that has for each mean a list of positions of receivers, or a slice"
             raise InputError(f"groups is {brief(groups)}", mend=mend)
         if not len(groups):
@@ -313,7 +314,7 @@ class Response(Result, array="values"):
                 positions = list(range(count))[group]
             except (TypeError, ValueError):  # ends that are no whole numbers, or a step of zero
                 positions = None
-        if not isinstance(positions, Sequence | np.ndarray):
+        if not _is_list(positions):
             mend = "Give for each mean a list of positions of receivers, or a slice"
             raise InputError(f"groups has {brief(group)}", mend=mend)
         return index_array("groups", positions, count, "receivers")
@@ -351,6 +352,11 @@ class Response(Result, array="values"):
             "receiver": (("receiver",), np.arange(len(self.receivers)), {}),
             "ball": (("receiver",), self.receivers, {}),
         }
+
+
+def _is_list(value: Any) -> bool:
+    """Whether a ``value`` is a sequence, such as a list, or an array with axes."""
+    return isinstance(value, Sequence) or (isinstance(value, np.ndarray) and value.ndim > 0)
 
 
 def require_places(
@@ -772,14 +778,23 @@ class Places:
 
     def _find_held_plane(self, course: Course) -> Index:
         """Return the held bodies (n,) that lie along the ``course`` up to half a diameter behind
-        the first one.
+        the first one. Flat walls along the course are left out, as they have no place on it, and
+        those that nothing touches.
 
-        Raises :class:`~granphon.base.errors.InputError` if no body is held.
+        Raises :class:`~granphon.base.errors.InputError` if no other body is held.
         """
-        held_bodies = np.flatnonzero(~self.network.moving)
+        network = self.network
+        walls_across = [
+            wall
+            for wall, (_, normal) in network.walls.items()
+            if abs(normal @ course.direction) > LEAST_COSINE
+        ]
+        held_balls = np.flatnonzero(~network.moving & np.isfinite(network.radii))
+        held_bodies = np.append(held_balls, np.array(walls_across, np.intp))
         if not held_bodies.size:
             raise InputError(
-                "no body of this network is held", mend="Cut it with clamped edges or a floor"
+                "no body of this network is held, and has a place along the direction",
+                mend="Cut it with clamped edges or a floor",
             )
         heights = course.heights[held_bodies]
         is_first = heights <= np.min(heights) + 0.5 * course.spacing

@@ -36,6 +36,7 @@ from granphon.dynamics.bloch_waves import (
     find_bloch_waves,
     require_bloch_memory,
 )
+from granphon.dynamics.compatibility import require_digits
 from granphon.dynamics.damping import GivenLosses, Losses
 from granphon.dynamics.factors import factorise
 from granphon.dynamics.half_space import HalfSpace
@@ -160,9 +161,10 @@ def transmission(
     InputError : a lead without the axis as a period; leads or a strip that do not fit, or with
         other motions of balls; a floor or clamped balls between them; a strip with static
         tangential forces; leads or a strip too wide for the memory; wrong numbers.
-    PrecisionError : a frequency at the very edge of a band, or so low or high that the waves of the
-        leads cannot be told apart; and one at which without losses the two parts do not add up, to
-        1e-6, to what comes.
+    PrecisionError : a ``q`` too far from Gamma; a frequency at the very edge of a band, or so low
+        or high that the waves of the leads cannot be told apart; one that is exactly that of a mode
+        of the strip which no wave of the leads reaches; and one at which without losses the two
+        parts do not add up, to 1e-6, to what comes.
     """
     work = TransmissionWork.of(left, middle, right, frequencies, axis, q)
     work.require_memory()
@@ -233,6 +235,9 @@ def _scatter_at_all(
 ) -> list[_ScatteredWaves]:
     """Return what the strip makes of the waves at each frequency of the ``work``; progress is told
     of each. ``find_stiffness`` is that of :func:`_make_stiffness_function`.
+
+    Raises :class:`~granphon.base.errors.PrecisionError` at a frequency that is exactly that of a
+    mode which no wave of the leads reaches, and for waves of the leads that cannot be told apart.
     """
     omega = 2.0 * np.pi * work.hertz
     scattered = list[_ScatteredWaves]()
@@ -242,12 +247,22 @@ def _scatter_at_all(
             first_waves = work.first.find_waves(omega_at_once)
             last_waves = work.last.find_waves(omega_at_once)
             for w, *waves in zip(omega_at_once, first_waves, last_waves, strict=True):
-                returning, passing = _scatter(w**2, find_stiffness(w), work, waves)
+                try:
+                    returning, passing = _scatter(w**2, find_stiffness(w), work, waves)
+                except (RuntimeError, np.linalg.LinAlgError):  # exactly singular
+                    raise _explain_mode(w) from None
                 (incoming, _), _ = waves
                 running_factors = incoming.factors[: incoming.n_running]
                 scattered.append(_ScatteredWaves(returning, passing, running_factors))
                 step.advance()
     return scattered
+
+
+def _explain_mode(omega: float) -> PrecisionError:
+    """Return the error of equations that are singular at the angular frequency ``omega``, rad/s."""
+    fault = f"at {write_quantity(omega / (2.0 * math.pi), 'Hz', 12)} the motion has no bound"
+    why = "The strip, or a part of it or of a lead, has a mode of exactly this frequency"
+    return PrecisionError(fault, why, "Shift the frequency by a millionth")
 
 
 def _require_strip(operator: WaveOperator, leads: Sequence[_Lead]) -> None:
@@ -623,10 +638,12 @@ class _Lead(NamedTuple):
         :func:`transmission`.
 
         Raises :class:`~granphon.base.errors.InputError` for what has no network, for an axis that
-        is no period, and for a wave vector of another shape or not finite.
+        is no period, and for a wave vector of another shape or not finite; and
+        :class:`~granphon.base.errors.PrecisionError` for a wave vector too far from Gamma.
         """
         space = HalfSpace(given_network(source), axis)
         wavevector = space.read_wavevector(q)
+        require_digits(wavevector)
         unit_square = (2.0 * np.pi * space.units.frequency) ** 2
         blocks = [unit_square * block for block in space.couplings(wavevector)]
         return cls(space, wavevector, Couplings(*blocks))
@@ -778,6 +795,8 @@ class _Lead(NamedTuple):
         diameter = float(2.0 * np.mean(cut.radii[block]))
         outwards = -1.0 if is_lower else 1.0
         heights = strip.positions[:, p] * outwards
+        for wall, (point, _) in strip.walls.items():  # a flat wall may have any position
+            heights[wall] = point[p] * outwards
         heights_above = heights - heights[balls].max()
         # a floor, whose radius is infinite, is never of the same layer as balls
         least_heights = np.where(np.isinf(strip.radii), 0.0, _LEAST_HEIGHT * diameter)
@@ -820,6 +839,8 @@ def _solve_strip(work: TransmissionWork, equations: Any, drive: Any) -> tuple[Co
     """Return the motions of the blocks at the lower and at the upper end of the strip of the
     ``work``, (size of the block, m), that solve ``equations`` (size, size), sparse, with the right
     sides ``drive`` (size, m).
+
+    Raises RuntimeError or numpy.linalg.LinAlgError if the equations are exactly singular.
     """
     lower, upper = work.ends
     if work.is_sliced:
@@ -879,7 +900,8 @@ class TransmissionWork:
         """Return the work of a :func:`transmission` with these arguments.
 
         Raises :class:`~granphon.base.errors.InputError` for what has no network, for a lead without
-        the axis as a period, for wrong numbers, and as the constructor does.
+        the axis as a period, for wrong numbers, and as the constructor does; and
+        :class:`~granphon.base.errors.PrecisionError` for ``q`` too far from Gamma.
         """
         hertz = frequency_array("frequencies", frequencies, "above zero")
         first = _Lead.of(left, axis, q)

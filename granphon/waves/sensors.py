@@ -29,9 +29,9 @@ FLOOR = "floor"
 PLANE = "plane"
 #: polarisation of the planes of a response for which none is given
 DEFAULT_POLARISATION = "longitudinal"
-#: component of a normal along the axis of a sensor up to which the component is zero but for
-#: rounding
-_LEAST_COSINE = 1e-9
+#: component of a normal along a unit vector, as the axis of a sensor, or of a period along an axis,
+#: over its length, up to which the component is zero but for rounding
+LEAST_COSINE = 1e-9
 
 
 class Sensor(NamedTuple):
@@ -54,7 +54,7 @@ class Sensor(NamedTuple):
     weights: Array
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class SensorPlaces:
     """The contacts and bodies of a network in which sensors of force may be.
 
@@ -107,7 +107,7 @@ class SensorPlaces:
         n_ends = (self.i == body).astype(float) + (self.j == body)  # ends of contacts at the body
         contacts = np.flatnonzero(n_ends)
         cosines = np.abs(self.normal[contacts] @ direction)
-        is_along = cosines > _LEAST_COSINE
+        is_along = cosines > LEAST_COSINE
         if not np.any(is_along):
             raise InputError(
                 f"body {body} has no contact along the direction of the sensor",
@@ -177,9 +177,11 @@ def find_unused(sources: Sequence[Any], receivers: Sequence[Any], given: Mapping
 
 def list_open_axes(network: ContactNetwork) -> list[int]:
     """Return the axes, 0 to 2 for x to z, of the space of a ``network`` along which the network
-    does not repeat: those along which no period has a component.
+    does not repeat: those along which no period has a component but for rounding.
     """
-    return [axis for axis in range(network.dimension) if not np.any(network.cell[:, axis])]
+    lengths = np.linalg.norm(network.cell, axis=1, keepdims=True)
+    is_closed = np.any(np.abs(network.cell) > LEAST_COSINE * lengths, axis=0)
+    return [axis for axis in range(network.dimension) if not is_closed[axis]]
 
 
 def find_open_axis(network: ContactNetwork) -> Array:

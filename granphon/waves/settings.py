@@ -179,6 +179,8 @@ LOSS_KINDS = {name: _loss_kind(name, quantity) for name, quantity in LOSS_QUANTI
 def _read_frequencies(value: Any, context: ValueContext) -> tuple[float, ...]:
     """Return frequencies, Hz, ascending, read from a list or a range of a scene file, or from an
     array in Hz.
+
+    Raises :class:`Refused` for what are no frequencies, below zero, or not in ascending order.
     """
     values = read_values(value, FREQUENCY.read) if context.written else value
     return tuple(frequencies(values).tolist())
@@ -266,7 +268,8 @@ def _is_nothing(value: Any) -> bool:
 
 def _read_repeat(value: Any) -> tuple[int, ...]:
     """Return the numbers of cells along each period, from 1 to a million each, as
-    :func:`read_counts` reads them; an empty tuple, which repeats nothing, stays empty.
+    :func:`read_counts` reads them; an empty tuple, which repeats nothing, stays empty. Raises
+    :class:`Refused` for other numbers.
     """
     return () if _is_nothing(value) else read_counts(value, "numbers of cells", 1, 1_000_000)
 
@@ -292,7 +295,7 @@ _MATERIAL = block_kind(Material)
 
 def _read_wall(value: Any, context: ValueContext) -> Any:
     """Return the wall of a block {wall: material}, or {wall: kind of balls}; a ``value`` that is no
-    block is returned as it is.
+    block is returned as it is. Raises :class:`Refused` for a block that has no such wall.
     """
     if not isinstance(value, dict):
         return value
@@ -314,7 +317,8 @@ def _write_edge(edge: str | Wall, context: ValueContext) -> Any:
 
 def _read_edges(value: Any, context: ValueContext) -> tuple[str | Wall, str | Wall]:
     """Return the lower and the upper edge, read from a list of one or two or from one text or
-    block; each is a word that says how it is held, or a wall.
+    block; each is a word that says how it is held, or a wall. Raises :class:`Refused` for what is
+    no such edge, and for more than two.
     """
     read_wall = partial(_read_wall, context=context)
     given_edges = value if isinstance(value, list | tuple) else [value]
@@ -422,7 +426,7 @@ class LossSettings(Block, kw_only=True):
 
     def with_losses(self, values: Mapping[str, float]) -> Self:
         """Return the settings with other ``values``, SI, of losses, by the names of
-        :data:`~granphon.balls.packing.LOSS_PARAMETERS`; names that these settings do not have are
+        :data:`~granphon.balls.packing.LOSS_PARAMETERS`; losses that these settings do not have are
         passed over.
 
         If only the first of a pair gets a value, the second gets it too.
@@ -493,11 +497,11 @@ class EdgeSettings(Block, kw_only=True):
 
     @property
     def edges(self) -> tuple[str | Wall, ...]:
-        """Each edge: a word that says how it is held, or a wall."""
+        """Each edge: a word that says how it is held, or a wall. Subclasses define it."""
         raise NotImplementedError
 
     def with_edges(self, edges: Sequence[str | Wall]) -> Self:
-        """Return the settings with other :attr:`edges`, as many as before."""
+        """Return the settings with other :attr:`edges`, as many as before; subclasses define it."""
         raise NotImplementedError
 
     @property
@@ -594,7 +598,7 @@ class SpectrumSettings(Block):
         with_unit(FREQUENCY),
         "standard deviation of the kernel at frequency zero",
         default=None,
-        absent=f"1/{MOMENTS} of a bound of the frequencies, about",
+        absent="0.6 % of a bound of the frequencies, about",
     )
     points: int = setting(
         _POINTS,
@@ -723,7 +727,9 @@ class NetworkSettings(EdgeSettings, kw_only=True):
 
     @property
     def coordinates(self) -> dict[str, tuple[tuple[Any, ...], str]]:
-        """Values and unit of each dimension of the result in a data set, by its name."""
+        """Values and unit of each dimension of the result in a data set, by its name. Subclasses
+        define it.
+        """
         raise NotImplementedError
 
 
@@ -847,11 +853,22 @@ class Signal:
         signal = np.interp(times, self.times, self.values)
         samples = np.interp(sample_times, self.times, self.values)
         differences = signal - np.interp(times, sample_times, samples)
-        # twice the areas, by the rule of trapezoids
-        intervals = np.diff(times)
-        difference_area = float(intervals @ np.abs(differences[1:] + differences[:-1]))
-        signal_area = float(intervals @ np.abs(signal[1:] + signal[:-1]))
-        return difference_area / signal_area if signal_area else 0.0
+        signal_area = _find_area(times, signal)
+        return _find_area(times, differences) / signal_area if signal_area else 0.0
+
+
+def _find_area(times: Array, values: Array) -> float:
+    """Return the area under the magnitude of a quantity that is linear between its ``values`` (n,)
+    at ascending ``times`` (n,), s; in the unit of the quantity times s.
+    """
+    start = np.abs(values[:-1])
+    end = np.abs(values[1:])
+    sums = start + end
+    changes_sign = np.sign(values[:-1]) * np.sign(values[1:]) < 0.0
+    # where the quantity changes its sign, the trapezoid becomes two triangles
+    shares = np.divide(start, sums, out=np.zeros_like(sums), where=changes_sign)
+    double_means = np.where(changes_sign, shares * start + (1.0 - shares) * end, sums)
+    return 0.5 * float(np.diff(times) @ double_means)
 
 
 def _read_table(folder: Path, file: str, name: str, quantity: Quantity) -> Signal:
@@ -1000,8 +1017,11 @@ class DriveSettings(Block):
             )
         # where periods are oblique to all axes, the last axis leads out of the network
         axis = min(list_open_axes(network), default=n_periods)
+        heights = network.positions[:, axis].copy()
+        for wall, (point, _) in network.walls.items():  # a flat wall may have any position
+            heights[wall] = point[axis]
         sign = -1.0 if self.balls == FACES[0] else 1.0
-        return _find_face(network, sign * network.positions[:, axis])
+        return _find_face(network, sign * heights)
 
 
 def _find_face(network: ContactNetwork, heights: Array) -> Index:
@@ -1009,7 +1029,7 @@ def _find_face(network: ContactNetwork, heights: Array) -> Index:
     there is one, else the clamped balls if no ball of the outer layer moves, else the balls of the
     outer layer.
 
-    ``heights`` (n,), m, are those of all balls and walls, and grow towards the face.
+    ``heights`` (n,), m, are those of all balls, and of points on walls, and grow towards the face.
     """
     is_ball = np.isfinite(network.radii)  # the radius of a flat wall is infinite
     top = float(np.max(heights[is_ball]))

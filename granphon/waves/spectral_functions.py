@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from granphon.base.arrays import Array
 from granphon.base.errors import InputError, PrecisionError, brief
 from granphon.base.memory import require_memory
-from granphon.base.results import held, result_class
+from granphon.base.results import held, read_only, result_class
 from granphon.base.validation import finite_array, finite_list, one_of, positive
 from granphon.dynamics.zone_means import shortest_vectors
 from granphon.networks.network import ContactNetwork
@@ -356,7 +356,7 @@ def _find_directions(
     the balls if there are any, else all.
     """
     unit_q = np.zeros(3)
-    unit_q[: q.size] = q
+    unit_q[: q.size] = q / np.max(np.abs(q))  # squares of the numbers as they are may underflow
     unit_q /= np.linalg.norm(unit_q)
     if name == "longitudinal":
         return unit_q
@@ -485,7 +485,7 @@ def find_lines(kernel: Kernel, values: Array) -> tuple[Array, Array]:
 
 def _find_line(kernel: Kernel, spectrum: Array) -> tuple[float, float]:
     """Return the peak, Hz, and the full width, Hz, of the highest line of a ``spectrum`` (n_f,), as
-    :func:`find_lines` does.
+    :func:`find_lines` does, which says what is raised.
     """
     step = math.pi / (2 * kernel.count - 1)  # difference of theta from point to point
     highest = int(np.argmax(spectrum))
@@ -495,13 +495,9 @@ def _find_line(kernel: Kernel, spectrum: Array) -> tuple[float, float]:
     half_height = height - math.log(2.0)
     half_widths = []
     for sign, flank in ((-1, log[highest::-1]), (1, log[highest:])):
-        # the point at which the flank falls to half the height, if it does
-        below = np.flatnonzero(flank < half_height)
-        if below.size:
-            n_steps = int(below[0])
-            last_above = flank[n_steps - 1]
-            share = (last_above - half_height) / (last_above - flank[n_steps])
-            crossing = highest + sign * float(n_steps - 1 + share)
+        n_points = _measure_fall(flank, half_height)
+        if n_points is not None:
+            crossing = highest + sign * n_points
             half_widths.append(abs(kernel.top * math.sin(step * crossing) - peak))
     if not half_widths:
         fault = f"the highest line, at {peak:.6g} Hz, falls to half its height on neither side"
@@ -510,6 +506,20 @@ def _find_line(kernel: Kernel, spectrum: Array) -> tuple[float, float]:
     has_two_flanks = len(half_widths) == 2
     width = sum(half_widths) if has_two_flanks else 2.0 * half_widths[0]
     return peak, width
+
+
+def _measure_fall(flank: Array, level: float) -> float | None:
+    """Return after how many points, a fraction among these, a ``flank`` (n,), taken as linear
+    between points, has fallen to a ``level``, above which it begins; None if it does not fall so
+    far.
+    """
+    below = np.flatnonzero(flank < level)
+    if not below.size:
+        return None
+    first_below = int(below[0])
+    last_above = flank[first_below - 1]
+    share = (last_above - level) / (last_above - flank[first_below])
+    return float(first_below - 1 + share)
 
 
 def _fit_peak(log: Array, highest: int) -> tuple[float, float]:
@@ -629,7 +639,8 @@ class SpectralFunction(Refinable):
         """The peaks (n,), Hz, and the full widths (n,), Hz, of the highest lines as the kernel has
         broadened them.
         """
-        return find_lines(self._kernel, self.values)
+        peaks, widths = find_lines(self._kernel, self.values)
+        return read_only(peaks), read_only(widths)
 
     @cached_property
     def _kernel_width(self) -> Array:
@@ -641,7 +652,11 @@ class SpectralFunction(Refinable):
 
     @property
     def peak(self) -> Array:
-        """(n,) frequency of the highest maximum, Hz: the dispersion of the coherent wave."""
+        """(n,) frequency of the highest maximum, Hz: the dispersion of the coherent wave.
+
+        Raises :class:`~granphon.base.errors.InputError` if the line falls to half its height on
+        neither side: the resolution is too coarse.
+        """
         peaks, _ = self._lines
         return peaks
 
@@ -652,18 +667,15 @@ class SpectralFunction(Refinable):
         The line is taken as a Lorentz curve that the kernel has broadened, and the width is that of
         the Lorentz curve; a line that is not wider than the kernel has the width zero. See
         :attr:`resolved`. If the line falls to half its height on one side only, the width is twice
-        the half width of this side.
-
-        Raises :class:`~granphon.base.errors.InputError`, as :attr:`peak` does, if the line falls so
-        far on neither side: the resolution is too coarse.
+        the half width of this side. Raises what :attr:`peak` raises.
         """
         _, broadened_width = self._lines
-        return find_true_width(broadened_width, self._kernel_width)
+        return read_only(find_true_width(broadened_width, self._kernel_width))
 
     @property
     def resolved(self) -> NDArray[np.bool_]:
         """(n,) whether the width of each line is at least a fifth of that of the kernel; a smaller
-        width is not to be relied on.
+        width is not to be relied on. Raises what :attr:`peak` raises.
         """
         return np.asarray(self.width >= _LEAST_WIDTH * self._kernel_width)
 
@@ -680,7 +692,7 @@ class SpectralFunction(Refinable):
         """(n,) 2 pi peak over the :attr:`wavenumber`, m/s.
 
         Raises :class:`~granphon.base.errors.InputError` for q = 0, and, if :attr:`shortest` is
-        known, for a q at which all balls move as at q = 0.
+        known, for a q at which all balls move as at q = 0; and what :attr:`peak` raises.
         """
         self._require_travelling("velocity")
         return np.asarray(2.0 * math.pi * self.peak / self.wavenumber)
@@ -724,8 +736,8 @@ class SpectralFunction(Refinable):
         lengths of wave vectors, the frequency lies between the first wave with a smaller product
         and the one before it; the logarithm of peak/width is interpolated between their peaks.
         Raises :class:`~granphon.base.errors.InputError` if already the shortest wave vector has a
-        smaller product, for a ``product`` that is not above zero, and for q = 0 as
-        :attr:`phase_velocity` does.
+        smaller product, for a ``product`` that is not above zero, and as :attr:`phase_velocity`
+        does.
         """
         self._require_travelling("mean free path")
         return find_ioffe_regel(self.wavenumber, self.peak, self.width, product)

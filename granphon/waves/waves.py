@@ -69,7 +69,9 @@ class Waves:
 
     Raises :class:`~granphon.base.errors.InputError` for any other source, and for balls that are
     not at rest under the static forces that act
-    (:meth:`~granphon.networks.network.ContactNetwork.require_rest`).
+    (:meth:`~granphon.networks.network.ContactNetwork.require_rest`). All methods but
+    :meth:`nearest_wavevectors` raise it for a network without waves: no ball moves, there is no
+    contact, or the motions of balls deform none.
     """
 
     def __init__(self, source: Any, *, progress: Progress = silent) -> None:
@@ -106,8 +108,8 @@ class Waves:
         A vector x (size,) holds the mass-weighted motions of all balls that move; its method
         ``vector`` makes such a vector of values (n_free, motions), and ``values`` does the reverse.
         The eigenvalues of D are squared angular frequencies. The operator is made once, when it is
-        used first, which raises :class:`~granphon.base.errors.InputError` if no ball moves or there
-        is no contact.
+        used first. Raises :class:`~granphon.base.errors.InputError` if no ball moves or there is no
+        contact; and when the operator is applied, if the motions of balls deform no contact.
         """
         return make_operator(self.network, self._progress)
 
@@ -147,7 +149,8 @@ class Waves:
 
         Raises :class:`~granphon.base.errors.InputError` for another name, for arguments that the
         method does not have or that are missing, and for values that the method refuses; but the
-        source and the receiver of a response are not looked at. Raises
+        source and the receiver of a response are not looked at, nor what these require of its
+        polarisation, direction and distance. Raises
         :class:`~granphon.base.errors.ConvergenceError` for a response that takes too much, as
         :meth:`response` does, and :class:`~granphon.base.errors.InstabilityError` for an array that
         does not hold between the free ends of a pulse. Whether the network itself is stable is not
@@ -183,7 +186,7 @@ class Waves:
         vectors : number of random vectors, for a network of more than 600 motions; the error falls
             as the root of this number, and as the root of the number of balls. With one vector the
             error is nan.
-        seed : number from which the random vectors are drawn, zero or above.
+        seed : whole number from which the random vectors are drawn, zero or above.
         moments : number of Chebyshev moments, in place of the resolution; 256 without either.
 
         The memory for a larger network is that of D, of about six vectors, of vectors that are kept
@@ -303,12 +306,13 @@ class Waves:
         the modes that were found is taken out.
 
         Raises :class:`~granphon.base.errors.InputError` for a count that is no whole number above
-        zero, for a frequency below zero or above the top, for more modes than there are, for modes
-        of more than 10,000 motions of which more than a third would have to be found, and, before
-        any filter is applied, for modes that take more than 4 GiB or two million products of D with
-        a vector; :class:`~granphon.base.errors.InstabilityError` if a squared frequency is below
-        zero; :class:`~granphon.base.errors.ConvergenceError` if the modes turn out to take more, as
-        when hundreds of modes have one frequency, or a gap around ``nearest`` is wide.
+        zero, for a frequency below zero or above the top, for more modes than there are or than
+        memory holds, for modes of more than 10,000 motions of which more than a third would have to
+        be found, and, before any filter is applied, for modes that take more than 4 GiB or two
+        million products of D with a vector; :class:`~granphon.base.errors.InstabilityError` if a
+        squared frequency is below zero; :class:`~granphon.base.errors.ConvergenceError` if the
+        modes turn out to take more, as when hundreds of modes have one frequency, or a gap around
+        ``nearest`` is wide, and if the iteration does not end.
         """
         read_request(self.operator, count, nearest)  # refuses before the long check of stability
         return find_modes(self._stable_operator, count, nearest)
@@ -335,8 +339,9 @@ class Waves:
 
         Raises :class:`~granphon.base.errors.InputError` for a count that is no whole number above
         zero, for a frequency below zero or above the top, for more motions than the limit above,
-        for more modes than cost energy, and for more than a third of all modes of a large
-        network; and :class:`~granphon.base.errors.InstabilityError` as :meth:`modes` does.
+        for more modes than cost energy or than memory holds, and for more than a third of all modes
+        of a large network; :class:`~granphon.base.errors.InstabilityError` as :meth:`modes` does;
+        and :class:`~granphon.base.errors.ConvergenceError` if the iteration does not end.
         """
         read_request(self.operator, count, nearest)  # refuses before the long check of stability
         return find_whole(self._stable_operator, count, nearest)
@@ -352,7 +357,7 @@ class Waves:
         Parameters
         ----------
         q : (n_q, p) or (p,) wave vectors, in fractions of the reciprocal vectors of the p periods,
-            in their order.
+            in their order; a number is one wave vector if p is 1.
         count : number of branches at each wave vector.
 
         Raises :class:`~granphon.base.errors.InputError` for a network without a period, for wave
@@ -530,8 +535,8 @@ class Waves:
 
         Raises :class:`~granphon.base.errors.InputError` for a count that is no whole number above
         zero, for losses that :meth:`response` refuses, for a frequency below zero or above the top,
-        for more modes than there are, or than can be found in a large network, and if losses differ
-        and there are more motions than are factorised;
+        for more modes than there are, than memory holds, or than can be found in a large network,
+        and if losses differ and there are more motions than are factorised;
         :class:`~granphon.base.errors.PrecisionError` for dashpots that differ and are far stiffer
         than springs; :class:`~granphon.base.errors.ConvergenceError` if the iteration does not end;
         and what :meth:`modes` raises.
@@ -573,10 +578,10 @@ class Waves:
     ) -> Pulse:
         """Send a pulse through the network, and return what is received of it on a plane of balls.
 
-        A force sin(omega (t - P/2)) (1 - cos(2 pi t/P))/2, 1 N at its greatest, pushes each ball of
-        the source from t = 0 to P = cycles/frequency. The dynamics are linear, and propagated to
-        rounding, by an expansion in Chebyshev polynomials: the coefficients that are left out add
-        up to 1e-13 at most.
+        A force sin(omega (t - P/2)) (1 - cos(2 pi t/P))/2, in N, pushes each ball of the source
+        from t = 0 to P = cycles/frequency. The dynamics are linear, and propagated to rounding, by
+        an expansion in Chebyshev polynomials: the coefficients that are left out add up to 1e-13 at
+        most.
 
         Parameters
         ----------
@@ -630,6 +635,7 @@ class Waves:
         UnreachableFrequencyError : the frequency is above all modes of the network.
         InstabilityError : the prestress makes a squared frequency negative, or leaves no array
             between free ends.
+        ConvergenceError : the highest mode, with which the frequency is compared, is not found.
 
         If the time of flight is not known, it is nan, and the warnings of the result say why.
         """

@@ -67,6 +67,8 @@ def test_what_has_no_branches_is_refused():
     for wrong in ([0.1], [[0.1, 0.2, 0.0]], [], "G"):
         with pytest.raises(InputError, match="q"):
             waves.branches(wrong)
+    with pytest.raises(InputError, match="count"):
+        waves.branches([0.1, 0.2], 10**5000)
     with pytest.raises(InputError, match="fewer"):
         waves.branches([0.1, 0.2], 10_000)
     with pytest.raises(InputError, match="repeats"):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import contextmanager
+from fractions import Fraction
 from inspect import signature
 from types import SimpleNamespace
 
@@ -220,6 +221,8 @@ def test_frames_of_a_pulse_take_memory(network):
     # displacements and velocities as vectors, and then the velocities of all balls
     kept = 500 * velocities.nbytes + 2.0 * 8.0 * 1000 * waves.operator.size
     assert found.working - without.working == pytest.approx(kept, rel=0.01)
+    as_fraction = waves.estimate("transmit", Fraction(300_000), *arguments[1:])
+    assert as_fraction.parts == without.parts
 
 
 def test_factors_take_less_than_is_estimated(network):

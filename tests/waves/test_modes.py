@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from fractions import Fraction
 
 import numpy as np
 import pytest
@@ -242,6 +243,7 @@ def test_two_balls(scale):
     energy = np.array([0.6, 0.4])
     assert modes.participation_ratio[0] == pytest.approx(1.0 / (2 * np.sum(energy**2)), rel=1e-12)
     assert modes.rotational_fraction[0] == 0.0
+    assert not modes.contact_shares.flags.writeable
 
 
 def test_balls_between_walls():
@@ -285,9 +287,11 @@ def test_what_has_no_modes_is_refused():
         waves.modes(3)
     with pytest.raises(InputError, match="frequencies are below"):
         waves.modes(1, nearest=1e9)
-    for bad in (0, 1.5, -1):
+    for bad in (0, 1.5, -1, 10**5000):
         with pytest.raises(InputError, match="count"):
             waves.modes(bad)
+        with pytest.raises(InputError, match="count"):
+            waves.damped_modes(bad)
     with pytest.raises(InputError, match=f"{waves.operator.shape[0]} motions"):
         waves.modes(10**6)
     for bad in (-1.0, math.nan, "5"):
@@ -593,3 +597,15 @@ def test_no_modes_are_near_a_frequency_above_the_top(name):
     top = waves.operator.top / (2.0 * np.pi)
     with pytest.raises(InputError, match="no modes near"):
         getattr(waves, name)(2, 2.0 * top, **options)
+    with pytest.raises(InputError, match=r"no modes near 1e\+20 Hz"):
+        getattr(waves, name)(2, Fraction(10**20), **options)
+
+
+@pytest.mark.parametrize("name", ["modes", "damped_modes", "whole_modes"])
+def test_modes_that_memory_does_not_hold_are_refused(name, memory, monkeypatch):
+    waves = gp.Waves(gp.ContactLattice.of("square", 0.8).contact_network(UNITS).repeat((4, 4)))
+    monkeypatch.setattr("granphon.base.memory._ASSUMED_MEMORY", 0.0)
+    memory(48 * 48 * 8.0)  # eight modes, six copies of each
+    getattr(waves, name)(8)
+    with pytest.raises(InputError, match=r"9 modes of 48 motions take .* Ask for fewer"):
+        getattr(waves, name)(9)

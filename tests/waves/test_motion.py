@@ -317,6 +317,18 @@ def test_a_motion_replaces_one_that_was_cut_off_without_a_warning(tmp_path):
     assert gp.Motion.read(path) == motion
 
 
+def test_a_motion_on_springs_to_the_ground_is_written_with_the_contacts_that_came_about(tmp_path):
+    """The motions of a ball, one here, are another axis of the file than these contacts, two."""
+    motion = make()
+    forces = np.pad(motion.forces, ((0, 0), (0, 2)))
+    network = replace(motion.network, on_site=np.full((N, 1), 2.0))
+    held = replace(
+        motion, network=network, forces=forces, shears=forces, met=np.array([[0, 2], [1, 3]])
+    )
+    held.write(tmp_path / "motion.nc")
+    assert gp.Motion.read(tmp_path / "motion.nc") == held
+
+
 def test_contacts_that_came_about_are_between_nearest_images_in_a_tilted_cell():
     ball = gp.Ball(gp.Material(1e9, 0.3, 1e3), 2.0)
     network = gp.Crystal.on("triangular", [ball]).at_force(1.0).network.repeat((4, 4))

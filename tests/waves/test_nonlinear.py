@@ -271,6 +271,16 @@ def test_waves_without_an_amplitude_shift_are_refused():
         gp.amplitude_shift(twist, [0.2], 2)
 
 
+def test_an_amplitude_shift_that_memory_does_not_hold_is_refused(memory, monkeypatch):
+    four_balls = line(10.0, 4, periodic=True)
+    five_balls = line(10.0, 5, periodic=True)
+    monkeypatch.setattr("granphon.base.memory._ASSUMED_MEMORY", 0.0)
+    memory(4 * 4**2 * 16.0)  # four complex matrices of four motions
+    gp.amplitude_shift(four_balls, [0.1])
+    with pytest.raises(InputError, match="dense matrices of 5 motions"):
+        gp.amplitude_shift(five_balls, [0.1])
+
+
 # -- contacts --------------------------------------------------------------------------------------
 
 

@@ -1243,3 +1243,30 @@ def test_a_network_without_a_ball_that_moves_sends_no_pulse():
     held = replace(network, masses=np.full(network.n_balls, np.inf))
     with pytest.raises(InputError, match="no ball"):
         gp.Waves(held).transmit(0.3 * HERTZ, (1, 0), 4.0 * D)
+
+
+def on_floor(layers=2):
+    """A strip of 24 balls along x on a floor, whose index is the last."""
+    ball = gp.Ball(STEEL, D)
+    cell = gp.Crystal.on("square", [ball]).at_force(10.0).network
+    return cell.repeat((24, 1)).cut(1, layers, ("floor", "free"))
+
+
+def test_a_pulse_along_a_floor_does_not_depend_on_the_position_of_the_floor():
+    """A flat wall may have any position, and the contacts with it do not pass from cell to cell."""
+    network = on_floor()
+    pulses = []
+    for x in (0.0, 7.3 * D, -40.6 * D):
+        positions = network.positions.copy()
+        positions[-1] = (x, 0.3 * D, 0.0)
+        moved = replace(network, positions=positions)
+        course = Course.along(moved, np.array([1.0, 0.0, 0.0])).with_ends("free")
+        is_at_floor = np.isinf(course.network.radii[course.network.j])
+        assert np.count_nonzero(is_at_floor) == 24
+        pulses.append(gp.Waves(moved).transmit(2e4, (1, 0), 8.0 * D, 2))
+    for pulse in pulses[1:]:
+        np.testing.assert_array_equal(pulse.signals, pulses[0].signals)
+        np.testing.assert_array_equal(pulse.fastest, pulses[0].fastest)
+    # only contacts along the rows make long waves fast: (k/m)^1/2 d
+    fastest = np.sqrt(np.max(network.normal_stiffness[:-24]) / network.masses[0]) * D
+    assert pulses[0].fastest[0] <= 1.01 * fastest

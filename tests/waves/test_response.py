@@ -1034,6 +1034,21 @@ def test_other_calls_refuse_what_they_cannot_find():
         gp.Waves(chain(6)).response([0.0], (0, "x"), (1, "x"))
 
 
+def test_a_floor_along_the_direction_is_no_plane_of_held_balls():
+    plate = springs(ideal("square")).cut(1, 3, ("floor", "free"))
+    network = plate.cut(0, 6, ("clamped", "free"))
+    held_balls = np.flatnonzero(~network.moving & np.isfinite(network.radii))
+    found = gp.Waves(network).response(
+        [0.3 * HERTZ], "plane", "plane", 1e-6, quantity="transmissibility", direction=(1, 0)
+    )
+    assert np.array_equal(found.sources, held_balls)
+    free = plate.cut(0, 6)
+    with pytest.raises(InputError, match="held, and has a place"):
+        gp.Waves(free).response(
+            [0.3 * HERTZ], "plane", "plane", quantity="transmissibility", direction=(1, 0)
+        )
+
+
 def test_reasons_of_what_is_not_found_are_true(monkeypatch):
     waves = gp.Waves(gp.ContactLattice.of("square", 0.8).contact_network(UNITS).repeat((4, 4)))
     place = (0, "x")
@@ -1046,12 +1061,26 @@ def test_reasons_of_what_is_not_found_are_true(monkeypatch):
 
 @pytest.mark.parametrize(
     "groups",
-    [[[]], [[2]], [[0.5]], [slice(2, 4)], [["a"]], [0], ["a"], [slice("a")], 3, None, {0: [0]}],
+    [
+        [[]],
+        [[2]],
+        [[0.5]],
+        [slice(2, 4)],
+        [["a"]],
+        [0],
+        ["a"],
+        [slice("a")],
+        3,
+        None,
+        {0: [0]},
+        np.array(0),
+    ],
 )
 def test_means_over_receivers_that_are_not_there_have_no_peaks(groups):
     network = ideal("chain").repeat((9,))
     response = gp.Waves(network).response([HERTZ], (0, "x"), [(2, "x"), (3, "x")], 0.0, 0.1)
     assert response.peaks_of_means([]) == ()
+    assert not any(array.flags.writeable for peaks in response.peaks for array in peaks)
     assert len(response.peaks_of_means([slice(0, 2)])) == 1
     assert len(response.peaks_of_means(np.array([[0, 1], [1, 0]]))) == 2
     with pytest.raises(InputError, match="groups"):

@@ -621,6 +621,33 @@ def test_a_strip_that_does_not_fit_is_refused_before_waves_of_leads_are_found(mo
         gp.Waves(strip).estimate("transmission", lead, lead, [100.0])
 
 
+def test_a_wave_vector_along_the_layers_without_digits_is_refused():
+    lead = bulk("square")
+    with pytest.raises(PrecisionError, match="1e\\+20 reciprocal vectors from Gamma"):
+        gp.transmission(lead, None, lead, [100.0], q=[1e20])
+
+
+@pytest.mark.parametrize("largest", [10**6, 3])
+def test_a_mode_of_the_strip_that_no_wave_reaches_is_told(monkeypatch, largest):
+    """A ball on one spring to a held ball, which the rest of the chain does not touch: by factors
+    and slice by slice.
+    """
+    monkeypatch.setattr("granphon.waves.scattering.LARGEST_UNSYMMETRIC", {1: largest})
+    lead = gp.ContactLattice.of("chain", 0.0).contact_network(gp.Units(1.0, 1.0, 1.0))
+    chain_of_balls = lead.repeat((8,)).cut(0, 1)
+    is_left = ~np.isin(np.minimum(chain_of_balls.i, chain_of_balls.j), [2, 4])
+    contacts = {
+        name: getattr(chain_of_balls, name)[is_left] for name in chain_of_balls.contact_fields
+    }
+    masses = np.where(np.arange(8) == 3, np.inf, chain_of_balls.masses)
+    strip_with_mode = replace(chain_of_balls, masses=masses, **contacts)
+    frequency = 1.0 / (2.0 * np.pi)
+    with pytest.raises(PrecisionError, match=r"159\.15494\d* mHz .*mode of exactly"):
+        gp.transmission(lead, strip_with_mode, lead, [frequency])
+    found = gp.transmission(lead, strip_with_mode, lead, [frequency * 1.000001])
+    assert_allclose([found.transmitted[0], found.reflected[0]], [0.0, 1.0], atol=1e-9)
+
+
 @pytest.mark.parametrize("excess", [1e-5, -1e-5, np.nan, np.inf])
 def test_energy_that_is_not_conserved_or_not_known_is_refused(excess):
     hertz = np.array([1.0, 2.0])

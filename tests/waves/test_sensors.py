@@ -5,6 +5,7 @@ forms of chains; and accelerance.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from numpy.testing import assert_allclose
 
 import granphon as gp
 from granphon.base.errors import InputError
-from granphon.waves.sensors import SensorPlaces, is_contact
+from granphon.waves.sensors import SensorPlaces, is_contact, list_open_axes
 from tests.waves.test_losses import find_viscosity
 from tests.waves.test_nonlinear import STEEL, line, push
 from tests.waves.test_response import HERTZ, OMEGA, UNITS, D, chain, ideal, springs
@@ -240,3 +241,13 @@ def test_contact_of_a_ball_with_its_own_image_is_heard_from_both_sides():
         sensor = SensorPlaces.of(network).in_body(0, axis)
         force = sensor.weights @ network.normal_force[sensor.contacts]
         assert force == pytest.approx(one.normal_force[0], rel=1e-12)
+
+
+def test_an_axis_is_open_if_periods_leave_it_but_for_rounding():
+    strip = ideal("square").repeat((4, 1)).cut(1, 3)
+    cell = strip.cell.copy()
+    cell[0, 1] = 1e-17 * cell[0, 0]  # as by a rotation of the network
+    rounded = replace(strip, cell=cell)
+    assert list_open_axes(rounded) == list_open_axes(strip) == [1]
+    found = gp.Waves(rounded).response([0.3 * HERTZ], "plane", "plane", 1e-6)
+    assert found.receivers.size == 4

@@ -30,6 +30,7 @@ def integrate_lost(signal, step, end):
         ((1.0, 1.0001), (5.0, 0.0)),  # the signal has a value before its first time
         ((0.0, 1.0, 1.001, 1.002, 50.0), (1.0, 1.0, 0.0, 1.0, 1.0)),  # and goes on after the end
         ((0.0, 0.01, 0.02), (0.0, 1.0, 0.0)),
+        ((0.0, 0.17, 0.34, 0.5), (1.0, -1.0, 1.0, -1.0)),  # as much of it is below zero as above
     ],
 )
 @pytest.mark.parametrize("end", [0.5, 2.0, 10.0])
@@ -55,6 +56,18 @@ def test_faces_are_across_the_periods_whichever_axis_these_are_along():
         shift=strip.shift[:, order],
     )
     assert np.array_equal(drive.find_balls(turned), upper)
+
+
+def test_a_floor_is_a_face_whatever_its_position():
+    strip = gp.Crystal.on("square", [BALL]).at_force(1.0).network.repeat((3, 1))
+    strip = strip.cut(1, 5, ("floor", "free"))
+    positions = strip.positions.copy()
+    positions[-1, 1] = 1.0
+    moved = replace(strip, positions=positions)
+    for name, index in (("lower", strip.n_balls - 1), ("upper", 12)):
+        balls = DriveSettings(balls=name, impact=0.1).find_balls(moved)
+        assert index in balls
+        assert np.array_equal(balls, DriveSettings(balls=name, impact=0.1).find_balls(strip))
 
 
 def test_a_cut_has_an_axis_layers_and_edges_and_no_more():

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from fractions import Fraction
 
 import numpy as np
 import pytest
@@ -19,6 +20,7 @@ from granphon.base.errors import InputError, InstabilityError, PrecisionError
 from granphon.figures.plot import plot
 from granphon.networks.network import ContactNetwork
 from granphon.waves.chebyshev import Kernel, Moments
+from granphon.waves.path_spectra import find_packing_points
 from granphon.waves.spectral_functions import (
     PeriodicCell,
     SpectralFunction,
@@ -155,13 +157,23 @@ def test_the_resolution_that_an_error_names_is_allowed(top, resolution):
     assert moments in (4, 5) or 0.99 * 2**20 < moments <= 2**20
 
 
+@pytest.mark.parametrize("polarisation", ["longitudinal", "transverse"])
+def test_the_longest_waves_along_an_open_axis_have_a_direction(polarisation):
+    lattice = gp.ContactLattice.of("triangular", 0.8)
+    strip = lattice.contact_network(gp.Units(8e-3, 3e6, 2e-3)).repeat((4, 1)).cut(1, 3)
+    found = gp.Waves(strip).spectral_function([[0.0, 5e-324], [0.0, 1e-9]], polarisation)
+    np.testing.assert_allclose(found.values[0], found.values[1], atol=1e-9 * found.values.max())
+    assert not any(array.flags.writeable for array in (found.peak, found.width))
+
+
 def test_kernel_refuses():
     with pytest.raises(InputError, match="follows"):
         Kernel.of(1.0, resolution=0.1, moments=10)
     with pytest.raises(InputError, match=r"1.57e\+10 moments.*1.5e-06 Hz"):
         Kernel.of(1.0, resolution=1e-10)
-    with pytest.raises(InputError, match=r"apart.* 0\.392 Hz"):
-        Kernel.of(1.0, resolution=0.5)
+    for coarse in (0.5, Fraction(1, 2)):
+        with pytest.raises(InputError, match=r"of 0\.5 Hz .*apart.* 0\.392 Hz"):
+            Kernel.of(1.0, resolution=coarse)
     for bad in (0.0, -1.0, math.nan, "3 Hz"):
         with pytest.raises(InputError, match="resolution"):
             Kernel.of(1.0, resolution=bad)
@@ -989,3 +1001,24 @@ def square_array(shape):
     return (
         gp.ContactLattice.of("square", 0.8).contact_network(gp.Units(8e-3, 3e6, 2e-3)).repeat(shape)
     )
+
+
+def test_wave_vectors_along_a_path_are_the_nearest_in_an_oblique_cell():
+    lattice = gp.ContactLattice.of("triangular", 0.8)
+    network = lattice.contact_network(gp.Units(8e-3, 3e6, 2e-3)).repeat((5, 5))
+    reciprocal = 2.0 * np.pi * np.linalg.pinv(network.cell[:2, :2]).T
+    corners = np.array([[0.4, 0.4], [3.4, -2.6]])
+    start, end = corners @ reciprocal
+    leg = end - start
+    points = start + np.linspace(0.0, 1.0, 4)[:, None] * leg
+    numbers = np.stack(np.meshgrid(*[np.arange(-8, 9)] * 2), axis=-1).reshape(-1, 2)
+    of_cell = numbers @ reciprocal
+    distances = np.linalg.norm(points[:, None] - of_cell, axis=2)
+    nearest = np.unique(np.argmin(distances, axis=1))
+    along = np.clip((of_cell[nearest] - start) @ leg / (leg @ leg), 0.0, 1.0)
+    off_path = np.linalg.norm(of_cell[nearest] - start - along[:, None] * leg, axis=1)
+    expected = of_cell[nearest][off_path <= np.linalg.norm(leg) / 6.0]
+    found = find_packing_points(network, [corners], 4)
+    assert len(expected) > 2
+    in_order = [np.lexsort(np.round(q, 6).T) for q in (found.q, expected)]
+    np.testing.assert_allclose(found.q[in_order[0]], expected[in_order[1]], atol=1e-9)
