@@ -500,8 +500,9 @@ def _fits(layout: list[str], shape: tuple[int, ...], sizes: dict[str, Any]) -> b
 
 
 def _are_equal(value: Any, other: Any) -> bool:
-    """Whether two values of a field are equal, entry by entry; nan, which stands for "not known",
-    equals nan, and a list or an array equals a tuple of the same entries.
+    """Whether two values of a field are equal, entry by entry. A list equals a tuple of the same
+    entries; so does an array, if none of them is nan. Otherwise nan, which stands for "not known",
+    equals nan.
     """
     if isinstance(value, np.ndarray) or isinstance(other, np.ndarray):
         # NumPy cannot look for nan in arrays of other kinds
@@ -643,7 +644,8 @@ def _restore_scalar(value: Any, kind: Any, name: str) -> Any:
 
 def _is_scalar_of(value: Any, kind: Any) -> bool:
     """Whether a value is a scalar of a ``kind``: one of ``_SCALARS``, or Any or object for all of
-    these; false for any other ``kind``. A whole number is a float too, and a truth value no number.
+    these and for scalars of NumPy; false for any other ``kind``. A whole number is a float too, and
+    a truth value no number.
     """
     if kind in (Any, object):
         return isinstance(value, (*_SCALARS, np.generic))

@@ -286,7 +286,7 @@ def _write_tensor(components: Array, unit: str, error: Any = None) -> str:
 
 
 def _write_rows(numbers: Array, digits: int) -> str:
-    """Return the text of ``numbers`` (n, n), row by row, with ``digits`` significant digits."""
+    """Return the text of ``numbers`` (n, m), row by row, with ``digits`` significant digits."""
     return "; ".join(", ".join(f"{number:.{digits}g}" for number in row) for row in numbers)
 
 

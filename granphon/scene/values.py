@@ -314,7 +314,8 @@ class SceneValues:
     @cached_property
     def swept(self) -> dict[str, int]:
         """The axes along which the states of the scene lie, each with the number of its values:
-        "load" and "medium" where there are several, and each swept parameter. One state has none.
+        "load" and "medium" where there are several, and each swept parameter, also one of a single
+        value. A scene of one state that is no sweep has none.
         """
         return list_swept(self.load, self.media, self.parameters)
 
