@@ -83,12 +83,14 @@ def _clean(text: str) -> str:
 
 
 def describe_value(value: Any) -> str:
-    """Return a short text of a value of any kind: a float with six digits, truth values as "yes"
-    and "no", None and an empty list or mapping as "none", a list as :func:`_describe_list` does, an
-    array as :func:`_describe_array` does, or its only entry if it has no axes, an object of a
-    dataclass by its attribute ``name`` or else by its class, and anything else as
-    :func:`~granphon.base.errors.brief` does. Of a long text or mapping the beginning is returned,
-    with dots behind it.
+    """Return a short text of a value of any kind.
+
+    A float has six digits; truth values are "yes" and "no"; None and an empty list or mapping are
+    "none". A list is described by :func:`_describe_list`, an array by :func:`_describe_array`, or
+    by its only entry if it has no axes; an object of a dataclass by its attribute ``name``, if that
+    is a text, with spaces for underscores, or else by its class. Of a long text or mapping the
+    beginning is returned, with dots behind it. Anything else is described by
+    :func:`~granphon.base.errors.brief`.
     """
     # floats of NumPy are written below: the item of a long double is a long double again
     if isinstance(value, np.generic) and value.dtype.kind in "biuc":
@@ -278,8 +280,8 @@ class Result:
             cls.__array__ = make_array  # type: ignore[attr-defined]
 
     def __post_init__(self) -> None:
-        """Make arrays read-only, and of NumPy's scalars and arrays without axes numbers of
-        Python.
+        """Make fields that are arrays read-only, and those that are NumPy's scalars or arrays
+        without axes numbers of Python; arrays inside of tuples and mappings stay as they are.
         """
         for name, value in list(vars(self).items()):
             if type(value) in _SCALARS or type(value) is tuple:

@@ -79,9 +79,9 @@ def write_in(value: float, unit: str, written: str = "", digits: int = 5) -> str
     """Return the text of a value with ``digits`` significant digits, such as "0.5 mm", in the unit
     ``written`` that a user has chosen; ``value`` is in the SI ``unit``.
 
-    The text is that of :func:`write_quantity`, with a decimal prefix, if ``written`` is empty or
-    has another dimension than ``unit``, or if the rounded number in ``written`` is below 1e-3 or
-    not below 1e4, but not zero.
+    The text is that of :func:`write_quantity`, with a decimal prefix, if ``written`` is empty, is
+    not known or has another dimension than ``unit``, or if the rounded number in ``written`` is
+    below 1e-3 or not below 1e4, but not zero.
     """
     factor = find_factor(unit, written) if written else None
     if factor is None:

@@ -281,9 +281,8 @@ class Table:
 
     def unit(self, name: str) -> str:
         """Return the unit of the column called ``name``: the unit in ``name`` if there is one, else
-        that of the first heading of that name.
-
-        The unit is empty if neither has one, or if there is no such column.
+        that of the first heading of that name. The unit is empty if there is no such heading, or if
+        the heading has none.
         """
         requested_unit = Heading.parse(name).unit
         indices = self._find_columns(name)

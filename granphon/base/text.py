@@ -684,13 +684,15 @@ def show(value: Any) -> str:
 
 
 def closest(word: str, options: Iterable[str]) -> str | None:
-    """Return the one of ``options`` that was probably meant by ``word``; None if none is close."""
+    """Return the one of ``options`` that was probably meant by ``word``: the first that differs in
+    the case of letters at most, or else the most similar; None if none is close.
+    """
     candidates = list(options)
     namesakes = [option for option in candidates if option.lower() == word.lower()]
     if namesakes:
         return namesakes[0]
     # a long word of unknown origin is cut, as the comparison takes the square of its length
-    similar = get_close_matches(word[:100], candidates, n=1, cutoff=0.6)
+    similar = get_close_matches(word[:100], candidates, n=1)
     return similar[0] if similar else None
 
 

@@ -311,7 +311,7 @@ class SceneValues:
             of_networks=settings_of_networks,
         )
 
-    @cached_property
+    @property
     def swept(self) -> dict[str, int]:
         """The axes along which the states of the scene lie, each with the number of its values:
         "load" and "medium" where there are several, and each swept parameter, also one of a single
@@ -733,7 +733,7 @@ class SceneValues:
     def _require_supercell(self) -> None:
         """Raise :class:`~granphon.base.errors.Refused` if the supercell is so small that two of its
         balls touch twice, through different periodic images; the refusal names the smallest
-        supercell that is large enough, of those with as many cells along each period.
+        supercell that is large enough, of those with the same number of cells along each period.
         """
         structure = self.packing.structure
         touch_once = partial(touch_once_at_most, structure.vectors, contact=structure.reach)
