@@ -155,18 +155,25 @@ class SceneValues:
     def _settle_balls_and_load(self) -> None:
         """Set the balls of the scene, and for a packing in files whether it keeps the terms of
         finite overlap, which the files say. InputError for an argument that is no balls or no load,
-        and for loads in more than one dimension.
+        for loads in more than one dimension, and for a packing in files under another load than its
+        own.
         """
         self._assign("packing", _read_balls(self.packing))
-        if self.packing.is_network:
-            # so that a scene which is read from the text of this one is the same
-            files = cast("NetworkFiles", self.packing)
-            self._assign("finite_overlap", files.network.prestress)
         if not isinstance(self.load, Load):
             raise InputError(f"load is {show(self.load)}", mend="Give a granphon.Load")
         if self.load.array.ndim > 1:
             problem = f"the load has the shape {self.load.shape}"
             raise InputError(problem, mend="Give one number, or a list of them")
+        if self.packing.is_network:
+            files = cast("NetworkFiles", self.packing)
+            if self.load != files.load:
+                raise InputError(
+                    f"load is {brief(self.load)}",
+                    "The contacts of a packing in files bear the forces that the files hold",
+                    "Give the attribute load of the packing",
+                )
+            # so that a scene which is read from the text of this one is the same
+            self._assign("finite_overlap", files.network.prestress)
 
     def _settle_source(self) -> None:
         """Set the path of the file of the scene, if one is given; InputError for what is no
@@ -288,6 +295,14 @@ class SceneValues:
         if isinstance(settings, EdgeSettings) and settings.kinds_of_walls:
             return self._find_materials(settings)
         return settings
+
+    @property
+    def written_spectrum(self) -> SpectrumSettings | None:
+        """The settings of the spectrum as a file has them: None if the scene does not observe a
+        spectrum and all of them are defaults, so that the file needs no block.
+        """
+        is_needed = "spectrum" in self.observe or self.spectrum != _DEFAULT_SPECTRUM
+        return self.spectrum if is_needed else None
 
     @cached_property
     def waves(self) -> WaveSettings | None:
@@ -693,6 +708,11 @@ class SceneValues:
         """Raise :class:`~granphon.base.errors.Refused` for settings of a block that these balls
         cannot have, or that exclude each other.
         """
+        if self.packing.medium_name == CRYSTAL:
+            for name, settings in (("spectrum", self.written_spectrum), ("pulse", self.pulse)):
+                if settings is not None:
+                    allowed = f"{name} of arrays, which packings have"
+                    raise Refused(f"{name} of a crystal", allowed, "Leave it out.", (name,))
         if "design" in self.observe:
             require_variables(self)
         surface = self.observed_settings("surface")

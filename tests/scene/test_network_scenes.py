@@ -81,6 +81,8 @@ def test_pressure_is_that_of_the_forces_on_the_cell(result):
     scene = gp.Scene(packing, packing.load, observe=("modes",))
     assert scene.state().pressure == pytest.approx(np.sqrt(3.0) * 5.0 / 2e-3)
     assert scene.load.values == pytest.approx((5.0,))
+    with pytest.raises(InputError, match="the forces that the files hold"):
+        replace(scene, load=gp.Load("force", 6.0))
 
 
 @pytest.mark.parametrize("axis", [1, 2])
