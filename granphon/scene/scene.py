@@ -737,7 +737,8 @@ class RunResult(Results):
 
         In the result of a run, a value that is not known yet is found, and never read from the
         folder, which may hold that of an earlier run. In a result that was read from its folder,
-        the value is read. The output of another command, such as "fit", is read in either case.
+        the value is read, and None if the output is not read, as force constants. The output of
+        another command, such as "fit", is read in either case.
         """
         if name in self.values:
             return self.values[name]

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import KW_ONLY, dataclass, field
 from functools import cached_property, partial
+from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, cast
 
@@ -68,6 +70,8 @@ _KEYS_OF_RULES = {
 }
 #: those of these attributes that may be None, which no rule reads
 _ATTRIBUTES_WITHOUT_VALUE = frozenset({"direction", "dim"})
+#: the parameters that may change the lattice or the motions of balls, so the number of branches
+_PARAMETERS_OF_MOTIONS = ("lattice", "motions", "friction", "torsion", "bending")
 #: words for the losses and walls that a sweep may vary, in the refusal of others
 _WORDS_FOR_SWEEP = "a parameter of what is observed, which no block gives"
 #: greatest number of directions of sound that the description of a scene names
@@ -451,6 +455,24 @@ class SceneValues:
         """
         return list_parameters_of_branches(self.packing, self.parameters)
 
+    def _list_numbers_of_branches(self) -> set[int]:
+        """Return the numbers of branches that the states of the scene have, each once."""
+        distinct_values: dict[str, Sequence[Any]] = {}
+        for name, values in self.parameters:
+            if name in ("torsion", "bending"):
+                # the motions of balls depend on whether such a stiffness is zero alone
+                distinct_values[name] = list({bool(value): value for value in values}.values())
+            elif name in _PARAMETERS_OF_MOTIONS:
+                distinct_values[name] = values
+        numbers = set[int]()
+        for combination in product(*distinct_values.values()):
+            # what the packing cannot have is refused later, with its place
+            with suppress(InputError):
+                changes = dict(zip(distinct_values, combination, strict=True))
+                balls = change_packing(self.packing, changes) if changes else self.packing
+                numbers.add(balls.ball_motions.count * balls.structure.n_balls)
+        return numbers
+
     # -- values that exclude each other, by the key in the file ------------------------------------
 
     def _list_conflicts_of_sound(self) -> list[Conflict]:
@@ -481,7 +503,20 @@ class SceneValues:
             "Files have no parameters to change: gp.Phonons(network).sensitivities has"
             " derivatives by each contact and ball.",
         )
-        return [velocities_of_held, sensitivities_of_held, sensitivities_of_files]
+        has_derivatives_of_cutoffs = {"sensitivities", "cutoffs"}.issubset(self.observe)
+        sensitivities_of_uneven_cutoffs = Conflict(
+            "sensitivities",
+            has_derivatives_of_cutoffs and len(self._list_numbers_of_branches()) > 1,
+            "of cutoffs of states that differ in the number of branches",
+            "sensitivities of cutoffs where all states have the same number of branches",
+            "Make a scene of each, or leave cutoffs out.",
+        )
+        return [
+            velocities_of_held,
+            sensitivities_of_held,
+            sensitivities_of_files,
+            sensitivities_of_uneven_cutoffs,
+        ]
 
     def _list_conflicts(self) -> list[Conflict]:
         """Return every reason for which an observable cannot be observed, whether or not it holds

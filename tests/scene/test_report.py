@@ -222,7 +222,7 @@ def test_data_of_another_kind_in_a_summary_are_named(folders, tmp_path):
             read_report(tmp_path)
     summary |= {"force": 10**400}
     (tmp_path / "summary.yaml").write_text(dump_yaml(summary), encoding="utf-8")
-    with pytest.raises(InputError, match="damaged.*Numbers"):
+    with pytest.raises(InputError, match=r"damaged.*Numbers"):
         read_report(tmp_path)
 
 
