@@ -111,7 +111,8 @@ _ATTRIBUTES = {
     "balls": "packing.kinds",
     "medium": "media",
     "sweep": "parameters",
-    "spectrum": "written_spectrum",
+    # of a spectrum that is not observed the defaults are not written
+    "spectrum": "_written_spectrum",
     "packing.lattice": "packing.structure",
     "packing.finite_overlap": "finite_overlap",
     "crystal.kinds": "packing.order",

@@ -301,7 +301,7 @@ class SceneValues:
         return settings
 
     @property
-    def written_spectrum(self) -> SpectrumSettings | None:
+    def _written_spectrum(self) -> SpectrumSettings | None:
         """The settings of the spectrum as a file has them: None if the scene does not observe a
         spectrum and all of them are defaults, so that the file needs no block.
         """
@@ -450,7 +450,7 @@ class SceneValues:
 
     @property
     def parameters_of_branches(self) -> list[str]:
-        """Names of the swept parameters on which the number of branches or the zone depends. A
+        """Names of the swept parameters on which the number of branches or the zone may depend. A
         scene that sweeps over them cannot observe bands.
         """
         return list_parameters_of_branches(self.packing, self.parameters)
@@ -744,7 +744,7 @@ class SceneValues:
         cannot have, or that exclude each other.
         """
         if self.packing.medium_name == CRYSTAL:
-            for name, settings in (("spectrum", self.written_spectrum), ("pulse", self.pulse)):
+            for name, settings in (("spectrum", self._written_spectrum), ("pulse", self.pulse)):
                 if settings is not None:
                     allowed = f"{name} of arrays, which packings have"
                     raise Refused(f"{name} of a crystal", allowed, "Leave it out.", (name,))
