@@ -21,8 +21,8 @@ ROUNDING = 4e-16
 
 def pad_columns(arrays: Sequence[Array]) -> list[Array]:
     """Return one or more ``arrays`` (..., c), each with as many columns c as the widest of them
-    has; the columns that are added are nan. An array of one axis, or of none, has no columns and
-    stays as it is.
+    has; the columns that are added are nan. An array that is as wide already stays as it is, and is
+    not copied; so does one of one axis, or of none, which has no columns.
     """
     n_columns = max(array.shape[-1] if array.ndim > 1 else 0 for array in arrays)
     padded_arrays = list[Array]()

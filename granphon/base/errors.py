@@ -266,14 +266,14 @@ def warn_caller(text: str, category: type[Warning]) -> None:
 
 def message(what: str, why: str = "", mend: str = "") -> str:
     """Return an error message on one line: the sentences ``what`` is wrong, ``why`` it matters and
-    how to ``mend`` the error, without those that are empty. Each sentence gets a full stop, unless
+    how to ``mend`` the error, without those that are blank. Each sentence gets a full stop, unless
     it ends in a question mark or three dots.
 
     Letters that cannot be printed are escaped, as a message may quote a file of unknown origin.
     """
     sentences = []
     for words in (what, why, mend):
-        if not words:
+        if not words.strip():
             continue
         sentence = one_line(words).rstrip()
         # three dots stay: they say that text has been cut off

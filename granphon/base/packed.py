@@ -37,7 +37,9 @@ def unpack(name: str, raw: bytes, limit: int) -> tuple[bytes, bool]:
 
 
 def _find_zstandard(name: str) -> Any:
-    """Return a module that unpacks Zstandard; MissingPackageError if there is none."""
+    """Return a module that unpacks Zstandard; MissingPackageError, which calls the packed file
+    ``name``, if there is none.
+    """
     for module in _ZSTANDARD_MODULES:
         try:
             return import_module(module)

@@ -308,7 +308,8 @@ def _round_product(number: str, factor: Fraction) -> float:
 
 def _round_products(numbers: Sequence[str], factor: Fraction) -> list[float]:
     """Return the float nearest to each number times a factor; ValueError for a text that is no
-    number. A product that is too large is infinite, or raises OverflowError.
+    number. A product that is too large is infinite, or raises OverflowError; a number near the ends
+    of the floating range may come without the factor, see :func:`_multiply`.
     """
     if factor == 1:
         return list(map(float, numbers))
@@ -504,7 +505,8 @@ def _join_factors(unit: str) -> str:
 
 def is_si(unit: str, dimension: str = "") -> bool:
     """Whether a text is a unit without a factor to SI, as "m/(N s)" or "1", not "kN", and of the
-    dimension of the unit ``dimension``; where that is empty, of any dimension.
+    dimension of the unit ``dimension``; where that is empty, of any dimension. A radian counts as a
+    plain number if it stands alone, and as an unknown unit in products such as "rad/s".
     """
     if _join_factors(unit) in (*_NO_UNIT, "rad", "radian", "dimensionless"):
         return dimension in (*_NO_UNIT, "rad")

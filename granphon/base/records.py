@@ -60,7 +60,7 @@ class RecordFile:
 
     Parameters
     ----------
-    path : the path of the file, or an open binary file, which is not locked.
+    path : the path of the file, or an open binary file without content, which is not locked.
     fixed : for each variable that does not grow its array and the names of its dimensions, of which
         none is of size zero, and each has one size in all variables.
     growing : for each variable that grows the shape of its entry in one record, and the names of

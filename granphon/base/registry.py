@@ -126,7 +126,9 @@ class Registry(Mapping[str, T]):
         del self._entries[name], self._sources[name], self._identities[name]
 
     def peek(self, name: str) -> T | None:
-        """Return the entry of a name, None if there is none so far: plug-ins are not loaded."""
+        """Return the entry of a name, None if there is none so far: plug-ins are not loaded, but a
+        module of granphon that holds the entry is imported.
+        """
         self._import(name)
         return self._entries.get(name)
 

@@ -83,12 +83,14 @@ def _clean(text: str) -> str:
 
 
 def describe_value(value: Any) -> str:
-    """Return a short text of a value of any kind: a float with six digits, truth values as "yes"
-    and "no", None and an empty list or mapping as "none", a list as :func:`_describe_list` does, an
-    array as :func:`_describe_array` does, or its only entry if it has no axes, an object of a
-    dataclass by its attribute ``name`` or else by its class, and anything else as
-    :func:`~granphon.base.errors.brief` does. Of a long text or mapping the beginning is returned,
-    with dots behind it.
+    """Return a short text of a value of any kind.
+
+    A float has six digits; truth values are "yes" and "no"; None and an empty list or mapping are
+    "none". A list is described by :func:`_describe_list`, an array by :func:`_describe_array`, or
+    by its only entry if it has no axes; an object of a dataclass by its attribute ``name``, if that
+    is a text, with spaces for underscores, or else by its class. Of a long text or mapping the
+    beginning is returned, with dots behind it. Anything else is described by
+    :func:`~granphon.base.errors.brief`.
     """
     # floats of NumPy are written below: the item of a long double is a long double again
     if isinstance(value, np.generic) and value.dtype.kind in "biuc":
@@ -278,8 +280,8 @@ class Result:
             cls.__array__ = make_array  # type: ignore[attr-defined]
 
     def __post_init__(self) -> None:
-        """Make arrays read-only, and of NumPy's scalars and arrays without axes numbers of
-        Python.
+        """Make fields that are arrays read-only, and those that are NumPy's scalars or arrays
+        without axes numbers of Python; arrays inside of tuples and mappings stay as they are.
         """
         for name, value in list(vars(self).items()):
             if type(value) in _SCALARS or type(value) is tuple:
@@ -500,8 +502,9 @@ def _fits(layout: list[str], shape: tuple[int, ...], sizes: dict[str, Any]) -> b
 
 
 def _are_equal(value: Any, other: Any) -> bool:
-    """Whether two values of a field are equal, entry by entry; nan, which stands for "not known",
-    equals nan, and a list or an array equals a tuple of the same entries.
+    """Whether two values of a field are equal, entry by entry. A list equals a tuple of the same
+    entries; so does an array, if none of them is nan. Otherwise nan, which stands for "not known",
+    equals nan.
     """
     if isinstance(value, np.ndarray) or isinstance(other, np.ndarray):
         # NumPy cannot look for nan in arrays of other kinds
@@ -643,7 +646,8 @@ def _restore_scalar(value: Any, kind: Any, name: str) -> Any:
 
 def _is_scalar_of(value: Any, kind: Any) -> bool:
     """Whether a value is a scalar of a ``kind``: one of ``_SCALARS``, or Any or object for all of
-    these; false for any other ``kind``. A whole number is a float too, and a truth value no number.
+    these and for scalars of NumPy; false for any other ``kind``. A whole number is a float too, and
+    a truth value no number.
     """
     if kind in (Any, object):
         return isinstance(value, (*_SCALARS, np.generic))

@@ -79,9 +79,9 @@ def write_in(value: float, unit: str, written: str = "", digits: int = 5) -> str
     """Return the text of a value with ``digits`` significant digits, such as "0.5 mm", in the unit
     ``written`` that a user has chosen; ``value`` is in the SI ``unit``.
 
-    The text is that of :func:`write_quantity`, with a decimal prefix, if ``written`` is empty or
-    has another dimension than ``unit``, or if the rounded number in ``written`` is below 1e-3 or
-    not below 1e4, but not zero.
+    The text is that of :func:`write_quantity`, with a decimal prefix, if ``written`` is empty, is
+    not known or has another dimension than ``unit``, or if the rounded number in ``written`` is
+    below 1e-3 or not below 1e4, but not zero.
     """
     factor = find_factor(unit, written) if written else None
     if factor is None:
@@ -96,7 +96,9 @@ def write_in(value: float, unit: str, written: str = "", digits: int = 5) -> str
 def write_error(error: float, value: float, unit: str) -> str:
     """Return the text of a standard ``error``, with two digits, in the multiple of the SI ``unit``
     in which the ``value`` beside the error is written. An error below a thousandth of that
-    multiple, or of ten thousand and more once it is rounded, has a multiple of its own.
+    multiple, or of ten thousand and more once it is rounded, has a multiple of its own; so has any
+    error if that multiple is none of those that :func:`~granphon.base.quantities.find_factor`
+    knows, from pico to tera.
     """
     _size, name = prefixed(value, unit)
     return write_in(error, unit, name, 2)
@@ -246,7 +248,8 @@ class Units:
 @dataclass(frozen=True)
 class WidthUnits:
     """Reduced units of balls that differ: the width W of the diameters, and the force of equal
-    balls at an overlap of W.
+    balls at an overlap of W. They are those of Section IV of Velicky and Caroli, Phys. Rev. E 65,
+    021307 (2002); there d is the mean diameter, and a the spacing of the balls.
 
     ``coefficient`` is c of Hertz's law, N/m^(3/2), and ``width`` is W, m, both finite and above
     zero. Multiply a number in these units by the property of its name to get SI. Powers of W are

@@ -269,7 +269,8 @@ def read_values(value: Any, rule: Rule) -> tuple[float, ...]:
 def space_evenly(first: float, last: float, count: int, scale: str) -> tuple[float, ...]:
     """Return ``count`` numbers, one or more, evenly spaced on a ``scale``, "log" or "linear", from
     exactly ``first`` to exactly ``last``, which on "log" are both above zero; of one number,
-    ``first``. Numbers between ends whose difference is beyond double precision may be nan.
+    ``first``. Where the difference of the ends is beyond double precision, all but the last may be
+    nan or infinite on "linear".
     """
     space = np.geomspace if scale == "log" else np.linspace
     with np.errstate(all="ignore"):

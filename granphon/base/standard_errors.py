@@ -24,7 +24,7 @@ def standard_error(values: Array, axis: int) -> Array:
 
 def read_errors(name: str, errors: ArrayLike, shape: tuple[int, ...]) -> Array:
     """Return standard ``errors`` as an array of the ``shape`` of their values; nan stands for an
-    error that is not known.
+    error that is not known. An array of floats is returned as it is, without a copy.
 
     Raises :class:`~granphon.base.errors.InputError`, with the argument's ``name``, for another
     shape, for an error below zero, and for what are no numbers.

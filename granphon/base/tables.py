@@ -272,7 +272,7 @@ class Table:
 
     def list_errors(self) -> dict[str, NDArray[np.float64]]:
         """Return the columns (rows,) of standard errors, "peak_error (Hz)" or "total_error_per_Hz",
-        by the names of the columns whose errors they are, "peak" and "total"; nan is taken.
+        by the names of what they are the errors of, "peak" and "total"; nan is taken.
 
         Raises :class:`~granphon.base.errors.InputError` as :meth:`numbers` does.
         """
@@ -281,9 +281,8 @@ class Table:
 
     def unit(self, name: str) -> str:
         """Return the unit of the column called ``name``: the unit in ``name`` if there is one, else
-        that of the first heading of that name.
-
-        The unit is empty if neither has one, or if there is no such column.
+        that of the first heading of that name. The unit is empty if there is no such heading, or if
+        the heading has none.
         """
         requested_unit = Heading.parse(name).unit
         indices = self._find_columns(name)
@@ -374,26 +373,32 @@ def write_table(
     below the headings, each on a line that begins with #.
 
     :class:`Table` reads back what is written, but for the spaces around cells, if no cell holds a
-    line feed.
+    line feed, a carriage return or a null character.
     """
     writer = csv.writer(stream, lineterminator="\n")
     quoting_writer = csv.writer(stream, lineterminator="\n", quoting=csv.QUOTE_ALL)
     titles = [str(heading) for heading in headings]
-    head_needs_quotes = _look_like_comments([titles]) or _find_separator(",".join(titles)) != ","
+    head_needs_quotes = _would_be_skipped([titles]) or _find_separator(",".join(titles)) != ","
     (quoting_writer if head_needs_quotes else writer).writerow(titles)
     stream.writelines(f"# {one_line(comment)}\n" for comment in comments)
     remaining_rows = iter(rows)
     while some_rows := list(islice(remaining_rows, _WRITTEN_ROWS)):
-        needs_quotes = _look_like_comments(some_rows)
+        needs_quotes = _would_be_skipped(some_rows)
         (quoting_writer if needs_quotes else writer).writerows(some_rows)
 
 
-def _look_like_comments(rows: Sequence[Sequence[Any]]) -> bool:
-    """Whether some of the ``rows`` would be skipped by :class:`Table` if their first cells had no
-    quotes.
+def _would_be_skipped(rows: Sequence[Sequence[Any]]) -> bool:
+    """Whether :class:`Table` would skip one of the ``rows`` if its first cell had no quotes: as a
+    comment, or as an empty line if its only cell is blank.
     """
-    first_texts = [row[0].lstrip() for row in rows if row and isinstance(row[0], str)]
-    return "#" in [text[:1] for text in first_texts]
+    for row in rows:
+        if not row or not isinstance(row[0], str):
+            continue
+        first_text = row[0].lstrip()
+        is_blank = len(row) == 1 and not first_text
+        if is_blank or first_text.startswith("#"):
+            return True
+    return False
 
 
 def table_text(

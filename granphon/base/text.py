@@ -303,8 +303,8 @@ def plain_yaml(text: str, path: str | os.PathLike[str]) -> Any:
     :class:`~granphon.base.errors.InputError`, which names file and line, for broken YAML, an empty
     text, a second document, a key given twice, a list or block as a key, a tag
     (``!!python/object``), an anchor or alias, deep nesting, a whole number of too many digits, and
-    control characters; :class:`~granphon.base.errors.MissingPackageError` if PyYAML is not
-    installed.
+    control characters, also those that end a line in YAML 1.1 alone;
+    :class:`~granphon.base.errors.MissingPackageError` if PyYAML is not installed.
     """
     return _Builder(text, str(path)).build()
 
@@ -552,8 +552,8 @@ def dump_yaml(data: Mapping[str, Any], indent: str = "") -> str:
     the ``indent``; without an entry the text is empty.
 
     The values may be mappings, lists, strings, numbers that are not complex, booleans, None and
-    objects with ``tolist`` (numpy); TypeError for any other. Floats are written so that reading
-    them gives the same bits.
+    objects with ``tolist`` (numpy); TypeError for any other, and ValueError for a whole number of
+    more digits than Python writes. Floats are written so that reading them gives the same bits.
     """
     # PyYAML's own writer, even in C, takes more than twice the time, and writes the text "1e5"
     # without quotes, which YAML 1.2 reads as a number
@@ -587,7 +587,7 @@ def _write_key(key: Any) -> str:
 
 def _write_flow(value: Any) -> str:
     """Return a value as YAML on one line: lists in brackets, mappings in braces, texts in quotes.
-    TypeError as of :func:`dump_yaml`.
+    TypeError and ValueError as of :func:`dump_yaml`.
     """
     content = value.tolist() if hasattr(value, "tolist") else value
     if isinstance(content, Mapping):
@@ -684,13 +684,15 @@ def show(value: Any) -> str:
 
 
 def closest(word: str, options: Iterable[str]) -> str | None:
-    """Return the one of ``options`` that was probably meant by ``word``; None if none is close."""
+    """Return the one of ``options`` that was probably meant by ``word``: the first that differs in
+    the case of letters at most, or else the most similar; None if none is close.
+    """
     candidates = list(options)
     namesakes = [option for option in candidates if option.lower() == word.lower()]
     if namesakes:
         return namesakes[0]
     # a long word of unknown origin is cut, as the comparison takes the square of its length
-    similar = get_close_matches(word[:100], candidates, n=1, cutoff=0.6)
+    similar = get_close_matches(word[:100], candidates, n=1)
     return similar[0] if similar else None
 
 
@@ -713,8 +715,8 @@ def spell(name: str) -> str:
 
 
 def join_alike(pairs: Iterable[tuple[str, str]]) -> list[tuple[str, str]]:
-    """Return for each different value of ``pairs``, which are pairs of a name and a value, a pair
-    of the value and of all names that have the value, parted by commas.
+    """Return the different values of ``pairs`` of a name and a value, in the order in which they
+    first stand, each before the names that have it, parted by commas.
     """
     names_by_value = dict[str, list[str]]()
     for name, value in pairs:
@@ -858,8 +860,9 @@ def canonical(data: Any) -> str:
     that they equal.
 
     Takes mappings, lists, tuples, arrays, strings, whole numbers, floats, complex numbers, booleans
-    and None; raises :class:`~granphon.base.errors.InputError` for anything else, and for a whole
-    number of more digits than Python writes. RecursionError for data that contain themselves.
+    and None; raises :class:`~granphon.base.errors.InputError` for anything else, as long doubles of
+    NumPy, and for a whole number of more digits than Python writes. RecursionError for data that
+    contain themselves.
     """
     if isinstance(data, Mapping):
         entries = []
@@ -869,7 +872,10 @@ def canonical(data: Any) -> str:
         return "{" + ",".join(sorted(entries)) + "}"
     if hasattr(data, "tolist"):
         # arrays and numbers of NumPy, which the command's help does without
-        return canonical(data.tolist())
+        listed = data.tolist()
+        if type(listed) is type(data):  # a long double, which Python has not
+            raise InputError(f"plain data cannot hold a {type(data).__name__}")
+        return canonical(listed)
     if isinstance(data, list | tuple):
         entries = [_CANONICAL.get(type(value), canonical)(value) for value in data]
         return "[" + ",".join(entries) + "]"

@@ -486,7 +486,7 @@ def frequencies(
 ) -> NDArray[np.float64]:
     """Return one frequency or a list of n, one or more, as an array (n,), Hz, each of the sign that
     ``low`` says and of a size up to :data:`HIGHEST_FREQUENCY`; with ``in_order`` each must be above
-    the frequency before.
+    the frequency before. An array (n,) of floats is returned as it is, without a copy.
     """
     numbers = finite_numbers(values, "Hz", low)
     if numbers.ndim > 1:

@@ -111,8 +111,8 @@ _ATTRIBUTES = {
     "balls": "packing.kinds",
     "medium": "media",
     "sweep": "parameters",
-    # the waves of a scene have no spectrum that is not observed, so that none is written
-    "spectrum": "waves.spectrum",
+    # of a spectrum that is not observed the defaults are not written
+    "spectrum": "_written_spectrum",
     "packing.lattice": "packing.structure",
     "packing.finite_overlap": "finite_overlap",
     "crystal.kinds": "packing.order",

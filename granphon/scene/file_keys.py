@@ -962,8 +962,8 @@ def _read_structure(value: Any) -> Any:
 
 
 def _read_removed_balls(value: Any) -> tuple[int, ...]:
-    """Return the numbers of the balls that are removed, from a list. Refused for any other value,
-    and for a number that is given twice.
+    """Return the numbers of the balls that are removed, from a list, one number, or a text of
+    numbers. Refused for any other value, and for a number that is given twice.
     """
     balls = read_counts(value, "numbers of balls", 0, 10_000_000)
     if len(set(balls)) < len(balls):

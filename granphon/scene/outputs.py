@@ -211,7 +211,8 @@ class Export:
 
     def is_of_number(self, swept: Collection[str]) -> bool:
         """Whether the number of states of a run allows the output; ``swept`` are the axes of the
-        run, which has one state without axes, and many states otherwise.
+        run, which counts as one state without axes, and otherwise as many, also where a parameter
+        is swept over a single value.
         """
         return self.states in ("any", "many" if swept else "one")
 

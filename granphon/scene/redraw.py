@@ -288,9 +288,9 @@ def draw_together(
     Raises
     ------
     MissingFileError : there is no such folder or file, or a file of a run is missing.
-    InputError : one of ``sources``, or ``out``, is no path; a folder or file is given twice, the
-        runs cannot share an axis, no run has the states of the ``view``, a file is damaged, or the
-        format is unknown; nothing is written then.
+    InputError : there are no ``sources``; one of them, or ``out``, is no path; a folder or file is
+        given twice, the runs cannot share an axis, no run has the states of the ``view``, a file is
+        damaged, or the format is unknown; nothing is written then.
     FigureError : matplotlib cannot draw it.
     FileExistsInRunError, OutputError : the figure cannot be written.
     """

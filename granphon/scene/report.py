@@ -128,7 +128,7 @@ def _read_part(part: Part, source: Path) -> list[Block]:
         return part.read(source)
     except GranphonError:
         raise
-    except (AttributeError, KeyError, TypeError, ValueError) as error:
+    except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
         fault = f"{type(error).__name__}: {error}"
         problem = f"{source} holds damaged results: {part.title!r} cannot be read ({fault})"
         raise InputError(one_line(problem), mend="Run the scene again, or fit again") from error
@@ -286,7 +286,7 @@ def _write_tensor(components: Array, unit: str, error: Any = None) -> str:
 
 
 def _write_rows(numbers: Array, digits: int) -> str:
-    """Return the text of ``numbers`` (n, n), row by row, with ``digits`` significant digits."""
+    """Return the text of ``numbers`` (n, m), row by row, with ``digits`` significant digits."""
     return "; ".join(", ".join(f"{number:.{digits}g}" for number in row) for row in numbers)
 
 
@@ -303,8 +303,9 @@ def _read_errors(source: Path) -> list[Block]:
     returned for results without such errors.
     """
     parameter_of_number = read_summary(source).get("errors_from", {})
-    pairs = ((_name_number(name), parameter) for name, parameter in parameter_of_number.items())
-    rows = join_alike(pairs)
+    rows = join_alike(
+        (_name_number(name), str(parameter)) for name, parameter in parameter_of_number.items()
+    )
     return [Rows(("parameter", "gives most of the error of"), tuple(rows))] if rows else []
 
 
@@ -343,13 +344,13 @@ def _read_limits(source: Path) -> list[Block]:
         if check["value"] != check["limit"] and not math.isnan(check["value"]):
             is_lower = (check["value"] > check["limit"]) == bool(check["ok"])
             limit = f"{'at least' if is_lower else 'at most'} {limit}"
-        rows.append((check["meaning"], f"{check['value']:.4g}", limit, holds))
+        rows.append((str(check["meaning"]), f"{check['value']:.4g}", limit, holds))
     return [Rows(("quantity", "value", "limit", "holds"), tuple(rows))] if rows else []
 
 
 def _read_warnings(source: Path) -> list[Block]:
     """Return the warnings of a run; a sentence if there are none."""
-    warnings = tuple(read_summary(source).get("warnings", ()))
+    warnings = tuple(map(str, read_summary(source).get("warnings", ())))
     return [Items(warnings)] if warnings else [Text("None: no limit of the model is passed.")]
 
 

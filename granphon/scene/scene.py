@@ -63,7 +63,6 @@ from granphon.scene.outputs import (
     Export,
     Results,
     every_file,
-    expected_files,
     list_files,
     list_outputs,
 )
@@ -737,7 +736,8 @@ class RunResult(Results):
 
         In the result of a run, a value that is not known yet is found, and never read from the
         folder, which may hold that of an earlier run. In a result that was read from its folder,
-        the value is read. The output of another command, such as "fit", is read in either case.
+        the value is read, and None if the output is not read, as force constants. The output of
+        another command, such as "fit", is read in either case.
         """
         if name in self.values:
             return self.values[name]
@@ -928,17 +928,19 @@ class RunResult(Results):
 
 
 def is_complete(scene: Scene, folder: str | os.PathLike[str]) -> bool:
-    """Whether ``folder`` holds the result of a run of an equal ``scene``: every file but the
-    figures, made with the installed versions of those packages that determine the numbers. False if
-    the folder, its summary or its scene is not there or cannot be read. InputError for what is no
-    path.
+    """Whether ``folder`` holds the result of a run of an equal ``scene``: every file that the run
+    wrote but the figures, made with the installed versions of those packages that determine the
+    numbers. False if the folder, its summary or its scene is not there or cannot be read.
+    InputError for what is no path.
 
     A file that was changed after the run counts as missing.
     """
     require_path(folder)
     target = Path(folder)
     try:
-        run_versions = read_yaml(target / "summary.yaml")["versions"]
+        summary = read_yaml(target / "summary.yaml")
+        written_names = set(summary["files"])
+        run_versions = summary["versions"]
         run_scene = type(scene)(**SceneSource.of_file(target / "scene.yaml").read())
         # the packages that determine the numbers have the versions of the run
         has_same_versions = run_versions == run_versions | packages()
@@ -946,7 +948,16 @@ def is_complete(scene: Scene, folder: str | os.PathLike[str]) -> bool:
         return False
     if run_scene != scene or not has_same_versions:
         return False
-    return is_whole(target, expected_files(scene, figures=False))
+    rows = list_outputs(scene)
+    # an output without a value has no files, as a pulse that no sample carries
+    rows_with_files = [
+        row
+        for row in rows
+        if row.find is None
+        or OUTPUTS.is_added(row.name)
+        or not written_names.isdisjoint(row.numbers)
+    ]
+    return is_whole(target, list_files(rows_with_files, figures=False))
 
 
 def _find_unit(result: RunResult, name: str) -> str:

@@ -381,7 +381,7 @@ class ErrorPropagation:
 
     Attributes
     ----------
-    names : names of the p parameters.
+    names : names of the p parameters, one or more.
     pairs : for each parameter the results, by name, in two scenes: in the first the parameter is
         smaller by its standard error, or by a part of it, and in the second larger.
     correlations : (p, p) of the errors of the parameters.
@@ -433,9 +433,10 @@ class ErrorPropagation:
         """Return the standard errors of the result ``name``, an array of the shape of its
         ``value``, and the name of the parameter that gives most of them.
 
-        None if no parameter has an effect, and for a value that is not numbers. None too if a
-        shifted scene has no numbers of the shape of the value, or none where the value has one:
-        ``name`` is then added to ``lacking``. An error is nan where a shifted scene has no number.
+        None if no parameter has an effect, and for a value that is not numbers. None too, and
+        ``name`` is added to ``lacking``, if a shifted scene has no numbers of the shape of the
+        value, or if no error above zero is known and a shifted scene has no number where the value
+        has one. Otherwise an error is nan where a shifted scene has no number.
         The standard errors of ``sampling``, of the same shape, add up with those that the
         parameters cause; a nan among them adds nothing. A value in the ``unit`` rad is an angle,
         which a full turn does not change.

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import KW_ONLY, dataclass, field
 from functools import cached_property, partial
+from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, cast
 
@@ -68,6 +70,8 @@ _KEYS_OF_RULES = {
 }
 #: those of these attributes that may be None, which no rule reads
 _ATTRIBUTES_WITHOUT_VALUE = frozenset({"direction", "dim"})
+#: the parameters that may change the lattice or the motions of balls, so the number of branches
+_PARAMETERS_OF_MOTIONS = ("lattice", "motions", "friction", "torsion", "bending")
 #: words for the losses and walls that a sweep may vary, in the refusal of others
 _WORDS_FOR_SWEEP = "a parameter of what is observed, which no block gives"
 #: greatest number of directions of sound that the description of a scene names
@@ -155,18 +159,25 @@ class SceneValues:
     def _settle_balls_and_load(self) -> None:
         """Set the balls of the scene, and for a packing in files whether it keeps the terms of
         finite overlap, which the files say. InputError for an argument that is no balls or no load,
-        and for loads in more than one dimension.
+        for loads in more than one dimension, and for a packing in files under another load than its
+        own.
         """
         self._assign("packing", _read_balls(self.packing))
-        if self.packing.is_network:
-            # so that a scene which is read from the text of this one is the same
-            files = cast("NetworkFiles", self.packing)
-            self._assign("finite_overlap", files.network.prestress)
         if not isinstance(self.load, Load):
             raise InputError(f"load is {show(self.load)}", mend="Give a granphon.Load")
         if self.load.array.ndim > 1:
             problem = f"the load has the shape {self.load.shape}"
             raise InputError(problem, mend="Give one number, or a list of them")
+        if self.packing.is_network:
+            files = cast("NetworkFiles", self.packing)
+            if self.load != files.load:
+                raise InputError(
+                    f"load is {brief(self.load)}",
+                    "The contacts of a packing in files bear the forces that the files hold",
+                    "Give the attribute load of the packing",
+                )
+            # so that a scene which is read from the text of this one is the same
+            self._assign("finite_overlap", files.network.prestress)
 
     def _settle_source(self) -> None:
         """Set the path of the file of the scene, if one is given; InputError for what is no
@@ -289,6 +300,14 @@ class SceneValues:
             return self._find_materials(settings)
         return settings
 
+    @property
+    def _written_spectrum(self) -> SpectrumSettings | None:
+        """The settings of the spectrum as a file has them: None if the scene does not observe a
+        spectrum and all of them are defaults, so that the file needs no block.
+        """
+        is_needed = "spectrum" in self.observe or self.spectrum != _DEFAULT_SPECTRUM
+        return self.spectrum if is_needed else None
+
     @cached_property
     def waves(self) -> WaveSettings | None:
         """The waves that the scene observes: in simulated arrays and in packings in files a density
@@ -311,10 +330,11 @@ class SceneValues:
             of_networks=settings_of_networks,
         )
 
-    @cached_property
+    @property
     def swept(self) -> dict[str, int]:
         """The axes along which the states of the scene lie, each with the number of its values:
-        "load" and "medium" where there are several, and each swept parameter. One state has none.
+        "load" and "medium" where there are several, and each swept parameter, also one of a single
+        value. A scene of one state that is no sweep has none.
         """
         return list_swept(self.load, self.media, self.parameters)
 
@@ -430,10 +450,28 @@ class SceneValues:
 
     @property
     def parameters_of_branches(self) -> list[str]:
-        """Names of the swept parameters on which the number of branches or the zone depends. A
+        """Names of the swept parameters on which the number of branches or the zone may depend. A
         scene that sweeps over them cannot observe bands.
         """
         return list_parameters_of_branches(self.packing, self.parameters)
+
+    def _list_numbers_of_branches(self) -> set[int]:
+        """Return the numbers of branches that the states of the scene have, each once."""
+        distinct_values: dict[str, Sequence[Any]] = {}
+        for name, values in self.parameters:
+            if name in ("torsion", "bending"):
+                # the motions of balls depend on whether such a stiffness is zero alone
+                distinct_values[name] = list({bool(value): value for value in values}.values())
+            elif name in _PARAMETERS_OF_MOTIONS:
+                distinct_values[name] = values
+        numbers = set[int]()
+        for combination in product(*distinct_values.values()):
+            # what the packing cannot have is refused later, with its place
+            with suppress(InputError):
+                changes = dict(zip(distinct_values, combination, strict=True))
+                balls = change_packing(self.packing, changes) if changes else self.packing
+                numbers.add(balls.ball_motions.count * balls.structure.n_balls)
+        return numbers
 
     # -- values that exclude each other, by the key in the file ------------------------------------
 
@@ -465,7 +503,20 @@ class SceneValues:
             "Files have no parameters to change: gp.Phonons(network).sensitivities has"
             " derivatives by each contact and ball.",
         )
-        return [velocities_of_held, sensitivities_of_held, sensitivities_of_files]
+        has_derivatives_of_cutoffs = {"sensitivities", "cutoffs"}.issubset(self.observe)
+        sensitivities_of_uneven_cutoffs = Conflict(
+            "sensitivities",
+            has_derivatives_of_cutoffs and len(self._list_numbers_of_branches()) > 1,
+            "of cutoffs of states that differ in the number of branches",
+            "sensitivities of cutoffs where all states have the same number of branches",
+            "Make a scene of each, or leave cutoffs out.",
+        )
+        return [
+            velocities_of_held,
+            sensitivities_of_held,
+            sensitivities_of_files,
+            sensitivities_of_uneven_cutoffs,
+        ]
 
     def _list_conflicts(self) -> list[Conflict]:
         """Return every reason for which an observable cannot be observed, whether or not it holds
@@ -692,6 +743,11 @@ class SceneValues:
         """Raise :class:`~granphon.base.errors.Refused` for settings of a block that these balls
         cannot have, or that exclude each other.
         """
+        if self.packing.medium_name == CRYSTAL:
+            for name, settings in (("spectrum", self._written_spectrum), ("pulse", self.pulse)):
+                if settings is not None:
+                    allowed = f"{name} of arrays, which packings have"
+                    raise Refused(f"{name} of a crystal", allowed, "Leave it out.", (name,))
         if "design" in self.observe:
             require_variables(self)
         surface = self.observed_settings("surface")
@@ -732,7 +788,7 @@ class SceneValues:
     def _require_supercell(self) -> None:
         """Raise :class:`~granphon.base.errors.Refused` if the supercell is so small that two of its
         balls touch twice, through different periodic images; the refusal names the smallest
-        supercell that is large enough, of those with as many cells along each period.
+        supercell that is large enough, of those with the same number of cells along each period.
         """
         structure = self.packing.structure
         touch_once = partial(touch_once_at_most, structure.vectors, contact=structure.reach)

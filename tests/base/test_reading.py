@@ -456,6 +456,9 @@ def test_a_digest_of_plain_data_survives_json_and_yaml():
     assert len({digest(one) for one in different}) == len(different)
     with pytest.raises(InputError, match="object"):
         digest([object()])
+    for long_double in (np.longdouble(1.0), np.ones(2, np.longdouble)):
+        with pytest.raises(InputError, match="longdouble"):
+            digest({"a": long_double})
 
 
 @given(st.floats(1.0, allow_infinity=False).map(math.floor) | st.integers())

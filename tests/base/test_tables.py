@@ -368,6 +368,9 @@ def test_what_is_written_is_read_back():
         tuple(cell if isinstance(cell, str) else repr(cell) for cell in row) for row in rows
     ]
     assert Table.parse("t.csv", table_text(["#a"], [["#b"]]).encode()).columns == (("#b",),)
+    # a row of one blank cell is no empty line
+    text = table_text([" "], [["b"], [" "], [""]])
+    assert Table.parse("t.csv", text.encode()).columns == (("b", "", ""),)
 
 
 def test_quotes_that_are_not_closed_on_their_line_are_refused():

@@ -81,6 +81,8 @@ def test_pressure_is_that_of_the_forces_on_the_cell(result):
     scene = gp.Scene(packing, packing.load, observe=("modes",))
     assert scene.state().pressure == pytest.approx(np.sqrt(3.0) * 5.0 / 2e-3)
     assert scene.load.values == pytest.approx((5.0,))
+    with pytest.raises(InputError, match="the forces that the files hold"):
+        replace(scene, load=gp.Load("force", 6.0))
 
 
 @pytest.mark.parametrize("axis", [1, 2])
@@ -120,6 +122,23 @@ def test_a_run_keeps_its_packing_and_is_found_again(result):
     other = make(NETWORK.replace("70 GPa", "71 GPa"))
     assert other != make()
     assert not is_complete(other, result.folder)
+
+
+def test_a_run_without_a_pulse_that_it_observes_is_complete(tmp_path):
+    """Planes of balls do not close across this cell, so that no pulse is sent."""
+    packing = gp.Packing(packings.MATERIAL, 8e-3, spread=gp.Uniform(4e-6))
+    sample = gp.DirectSimulation(packing, shape=(4, 6)).at_force(5.0).samples[0]
+    files = [tmp_path / name for name in ("balls.csv", "contacts.csv")]
+    sample.network.write_tables(*files)
+    given = gp.NetworkFiles(format="tables", files=files)
+    pulse = {"frequency": 2e4, "cycles": 1.5, "distance": 14e-3}
+    scene = gp.Scene(given, given.load, observe=["pulse"], pulse=pulse)
+    result = scene.run(tmp_path / "out", figures=False)
+    assert result["pulse"] is None
+    assert is_complete(scene, result.folder)
+    assert scene.run(result.folder, resume=True)["pulse"] is None
+    (result.folder / "sweep.csv").unlink()
+    assert not is_complete(scene, result.folder)
 
 
 def test_vectors_of_a_cell_may_point_backwards(tmp_path):

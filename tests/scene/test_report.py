@@ -11,7 +11,7 @@ import granphon as gp
 from granphon.base.errors import InputError
 from granphon.base.text import dump_yaml, read_yaml
 from granphon.cli.main import main
-from granphon.page.document import Picture, Rows
+from granphon.page.document import Picture, Rows, write_markdown
 from granphon.scene import report
 from granphon.scene.report import PAPER, read_report
 from granphon.scene.scene import Scene
@@ -220,6 +220,20 @@ def test_data_of_another_kind_in_a_summary_are_named(folders, tmp_path):
         (tmp_path / "summary.yaml").write_text(dump_yaml(summary | {key: 5}), encoding="utf-8")
         with pytest.raises(InputError, match=f"damaged.*{part}"):
             read_report(tmp_path)
+    summary |= {"force": 10**400}
+    (tmp_path / "summary.yaml").write_text(dump_yaml(summary), encoding="utf-8")
+    with pytest.raises(InputError, match=r"damaged.*Numbers"):
+        read_report(tmp_path)
+
+
+def test_words_of_a_summary_are_written_as_texts_whatever_they_are(folders, tmp_path):
+    summary = read_yaml(folders / "one" / "summary.yaml")
+    check = {"meaning": 5, "value": 1.0, "limit": 2.0, "ok": True}
+    wrong = {"warnings": [5], "errors_from": {"force": 6}, "validity": [check]}
+    (tmp_path / "summary.yaml").write_text(dump_yaml(summary | wrong), encoding="utf-8")
+    text = write_markdown(*read_report(tmp_path))
+    for words in ("- 5", "6 | contact force", "| 5 | 1 | at most 2 |"):
+        assert words in text
 
 
 def test_results_that_are_exchanged_while_they_are_read_have_no_report(folders, monkeypatch):

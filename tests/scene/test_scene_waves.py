@@ -92,6 +92,23 @@ def test_scene_with_waves_is_written_and_read_back(done):
     assert again == scene
 
 
+def test_a_spectrum_that_is_not_observed_is_written_unless_all_of_it_is_default():
+    scene = gp.Scene.from_text(HEAD + "spectrum: {points: 5}\n")
+    again = gp.Scene.from_text(scene.to_yaml())
+    assert again == scene
+    assert again.spectrum.points == 5
+    assert "spectrum" not in gp.Scene.from_text(HEAD + "spectrum: {points: 21}\n").to_yaml()
+
+
+@pytest.mark.parametrize("waves", [{"spectrum": {"points": 5}}, {"pulse": {"frequency": 9e3}}])
+def test_a_crystal_refuses_waves_of_arrays_that_its_file_could_not_hold(waves):
+    material = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
+    crystal = gp.Crystal.on("triangular", gp.Ball(material, 8e-3))
+    gp.Scene(crystal, gp.Load("force", 5.0), spectrum={"points": 21})
+    with pytest.raises(InputError, match="of a crystal"):
+        gp.Scene(crystal, gp.Load("force", 5.0), **waves)
+
+
 @pytest.mark.parametrize("stem", ["sample_dos", pytest.param("spectrum", marks=pytest.mark.slow)])
 def test_figures_are_drawn_again(done, tmp_path, stem):
     _, _, folder = done

@@ -147,6 +147,24 @@ def test_balls_that_are_held_have_no_velocities_to_differentiate():
 
 
 @pytest.mark.claim("sensitivities-walls")
+@pytest.mark.parametrize(
+    ("sweep", "is_even"),
+    [
+        ("{friction: [true, false]}", False),
+        ("{lattice: [triangular, honeycomb]}", False),
+        ("{lattice: [triangular, square]}", True),
+        ("{motions: [in_plane], friction: [true]}", True),
+    ],
+)
+def test_derivatives_of_cutoffs_are_those_of_as_many_branches_in_all_states(sweep, is_even):
+    text = PACKING.replace("[sensitivities]", "[sensitivities, cutoffs]") + f"sweep: {sweep}\n"
+    if is_even:
+        assert gp.Scene.from_text(text).n_states
+    else:
+        with pytest.raises(InputError, match=r"observe: .*differ in the number of branches"):
+            gp.Scene.from_text(text)
+
+
 def test_walls_at_rest_have_the_derivatives_of_whole_scenes():
     """A kind without balls has the elastic constants of its wall; one of its own has its name."""
 
