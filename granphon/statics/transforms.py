@@ -1,8 +1,7 @@
 """Fourier transforms of real fields on a grid, from cells to waves and back.
 
 Fast transforms take some ten microseconds before they begin. On a short grid the product with a
-matrix along each axis has ended by then, and iterations with Green's function consist of little
-else.
+matrix along each axis has ended by then. An iteration with Green's function needs two transforms.
 """
 
 from __future__ import annotations
