@@ -276,11 +276,12 @@ class Equilibrium(Result):
         all contacts, or one for each kind, (n_c, 1, ..., 1).
         """
         stiffness = self.stiffnesses
-        tension = stiffness * change
+        # what the forces of contacts gain while balls keep their places
+        gain = stiffness * change
         if isinstance(change, float):  # an even change: see _find_uniform_part
-            tension = change * (stiffness - _find_uniform_part(stiffness))
+            gain = change * (stiffness - _find_uniform_part(stiffness))
         iteration = self._iterate(stiffness)
-        forces = iteration.collect(tension.reshape(len(tension), -1))
+        forces = iteration.collect(gain.reshape(len(gain), -1))
         motions = GridResponse(iteration).find_motions(forces[..., None])[..., 0]
         return np.asarray(change - iteration.measure(motions).reshape(stiffness.shape))
 

@@ -257,7 +257,7 @@ class Problem:
 
     def remove_drift(self, motion: Array) -> Array:
         """Return a ``motion`` (size,) less the mean motion of the balls along the
-        :attr:`free_axes`.
+        :attr:`free_axes`: a new array, or the same one where there are no such axes.
         """
         if not self.free_axes:
             return motion

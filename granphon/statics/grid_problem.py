@@ -249,10 +249,10 @@ def _find_pushes(grid: Grid) -> Array:
 
 
 def _choose_unit(spread: float, given: Array, overlap: float) -> float:
-    """Return the unit of lengths, m: the power of two that is nearest to the width of diameters
-    with a ``spread`` of overlaps on the sites, m. Of balls that do not differ, it is near the
-    ``overlap``, m, of the mean force of the load, or else near the overlaps ``given`` (kinds,), m,
-    that a given strain makes; 1 m if there are none.
+    """Return the unit of lengths, m: the power of two that is nearest, on a logarithmic scale, to
+    the width of diameters with a ``spread`` of overlaps on the sites, m. Of balls that do not
+    differ, it is near the ``overlap``, m, of the mean force of the load, or else near the overlaps
+    ``given`` (kinds,), m, that a given strain makes; 1 m if there are none.
     """
     length = _WIDTH_OVER_RMS * spread or overlap or float(np.max(np.abs(given)))
     return 2.0 ** round(math.log2(length)) if 0.0 < length < math.inf else 1.0

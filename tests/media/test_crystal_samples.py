@@ -12,7 +12,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 import granphon as gp
-from granphon.base.errors import InputError, MechanismError
+from granphon.base.errors import ConvergenceError, InputError, MechanismError
 from granphon.media.arrangement import Arrangement
 from granphon.media.state import as_state
 from tests.conftest import only
@@ -55,6 +55,15 @@ def test_a_chain_carries_one_force():
         ).longitudinal,
         rtol=1e-12,
     )
+
+
+def test_a_sweep_of_a_sample_that_does_not_come_to_rest_says_so(tmp_path):
+    wide = gp.Crystal.on("triangular", [gp.Ball(STEEL, D, spread=gp.Uniform(0.1 * D))])
+    sample = wide.sample((4, 4), seed=0)
+    # the search ends at a state near rest, which is no data set of loads before
+    with pytest.raises(ConvergenceError, match="have not come to rest"):
+        gp.sweep(sample, force=[1e6], finite_overlap=True, path=tmp_path / "sweep.nc")
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.claim("crystal-samples")
