@@ -341,8 +341,8 @@ def write_extxyz(path: str | Path, atoms: Atoms) -> None:
     - an entry of ``info`` whose key is no text, is empty, has an equals sign or one of these signs
       other than a blank, or is "Lattice", "Properties" or "pbc";
     - an entry of ``info`` that is an empty array, or a text that is empty or has a line break or a
-      backslash; that ASE does not write, such as a complex number, bytes or a set; or that is called
-      "stress" or "virial" and is not an array of nine real numbers.
+      backslash; that ASE does not write, such as a complex number, bytes or a set; or of the name
+      "stress" or "virial", unless it is an array of nine real numbers.
 
     Raises :class:`~granphon.base.errors.OutputError` if the file cannot be written, or another
     kind of file is there.

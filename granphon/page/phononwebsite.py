@@ -41,6 +41,8 @@ def write_phononwebsite(bands: Bands, name: str) -> str:
     exp(2 pi i q.l). Lengths are in Angstrom, and a ball of one diameter is 2.5 Angstrom wide.
     ``eigenvalues`` are in the decimal unit of hertz that stands in the name of the file's data;
     the viewer writes cm^-1 in its place.
+
+    Raises :class:`~granphon.base.errors.InputError` for bands without eigenvectors.
     """
     unit = HertzPrefix.for_top(float(bands.frequencies.max()))
     periods = bands.periods

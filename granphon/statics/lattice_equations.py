@@ -203,8 +203,8 @@ class LatticeIteration(GridIteration):
         return forces, (elongations * sums) @ elongations.T
 
     def collect(self, force: Array) -> Array:
-        """Return the forces (n, d) on balls that a ``force`` (kinds, cells) of contacts makes, above
-        zero where balls are pushed apart.
+        """Return the forces (n, d) on balls that a ``force`` (kinds, cells) of contacts makes,
+        above zero where balls are pushed apart.
         """
         grid = self._grid
         d = len(grid.shape)
