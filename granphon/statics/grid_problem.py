@@ -113,8 +113,10 @@ class GridProblem:
 
     def begins_inside(self, strains: Array, options: RestOptions) -> bool:
         """Return whether the interior-point method is to come before Newton's, which then begins
-        near rest: where balls differ, and at the ``strains`` (s,) of the start so few contacts are
-        closed, or the mean force is so small, as ``options`` say.
+        near rest. It comes before where balls differ and, in space, the grid is small enough for
+        factors. If a strain is given, fewer contacts than the part ``options.closed_part`` must be
+        closed on the sites at the ``strains`` (s,) of the start; if not, equal balls must have a
+        mean force there in the range of the ``options``.
         """
         # in space the interior-point method takes too many iterations without factors
         if not self.spread or (len(self.grid.shape) == 3 and not is_small(self.grid, options)):
