@@ -403,14 +403,16 @@ class Configuration:
 
     @cached_property
     def deformation_gradient(self) -> Array:
-        """(p, p) deformation gradient of the cell, one plus the strain."""
+        """(p, p) the unit matrix plus the strain, with which a vector of the cell at touch becomes
+        that of the deformed cell.
+        """
         return np.eye(len(self.strain)) + self.strain
 
     @cached_property
     def growth(self) -> float:
         """Determinant of :attr:`deformation_gradient`: the length, area or volume of the deformed
-        cell over that at touch; 1 without a period. It is zero of a cell that is squeezed to nothing, and
-        below zero of one that is turned inside out along one axis or three.
+        cell over that at touch; 1 without a period. It is zero of a cell that is squeezed to
+        nothing, and below zero of one that is turned inside out along one axis or three.
         """
         return float(np.linalg.det(self.deformation_gradient)) if len(self.strain) else 1.0
 
