@@ -250,16 +250,19 @@ class Equilibrium(Result):
 
     def response(self) -> Array:
         """Return the derivatives (n_c, L1, ..., Lp) of the overlaps of contacts with respect to y,
-        while balls stay in balance. They are computed anew at each call.
+        while balls stay in balance. They are computed anew at each call. Where no contact carries
+        load, nothing moves the balls, and the derivatives are one.
 
         Raises :class:`~granphon.base.errors.ConvergenceError` if they are not found.
         """
+        stiffness = self.stiffnesses
+        if not np.any(stiffness):
+            return np.ones_like(stiffness)
         response = self._respond(1.0)
-        if self.strain is None:
+        shears = list_shears(self.lattice.periods)
+        if self.strain is None or not len(shears):
             return response
         # the cell shears so far that the stress stays hydrostatic: no shear then does work
-        stiffness = self.stiffnesses
-        shears = list_shears(self.lattice.periods)
         shear_responses = [self._respond(-self._elongate(shear)) for shear in shears]
         coupling = [np.sum(stiffness * response * changes) for changes in shear_responses]
         resistance = [[np.sum(stiffness * a * b) for b in shear_responses] for a in shear_responses]

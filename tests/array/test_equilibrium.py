@@ -517,6 +517,14 @@ def test_what_is_reached_is_said(monkeypatch):
     assert "overlap of 0 widths" in str(error.value)
 
 
+@pytest.mark.parametrize("strain", [None, np.zeros((2, 2))], ids=["even", "sheared"])
+def test_balls_without_load_have_no_stiffness(strain):
+    state = Equilibrium(np.zeros((3, 4)), -1.0, np.zeros((2, 3, 4)), strain=strain)
+    assert np.all(state.response() == 1.0)
+    assert state.stiffness == state.stiffness_slope == 0.0
+    assert not np.any(state.find_elasticity(0.8))
+
+
 def test_response_that_is_not_found_is_said(monkeypatch):
     state = bring_to_rest(balls((16, 16)), ReducedLoad(overlap=0.0))
     few = functools.partial(ResponseOptions, most_iterations=1)
