@@ -30,7 +30,7 @@ from granphon.array.stencils import Stencils
 from granphon.balls import hertz
 from granphon.balls.lattices import TRIANGULAR, Lattice
 from granphon.base.arrays import Array, Flags
-from granphon.base.errors import InputError
+from granphon.base.errors import ConvergenceError, InputError
 from granphon.base.results import Result, held, result_class
 from granphon.contacts import grid_loops
 from granphon.contacts.contact_list import ContactList
@@ -253,7 +253,8 @@ class Equilibrium(Result):
         while balls stay in balance. They are computed anew at each call. Where no contact carries
         load, nothing moves the balls, and the derivatives are one.
 
-        Raises :class:`~granphon.base.errors.ConvergenceError` if they are not found.
+        Raises :class:`~granphon.base.errors.ConvergenceError` if they are not found, as where the
+        cell has sheared and a shear of it costs nothing.
         """
         stiffness = self.stiffnesses
         if not np.any(stiffness):
@@ -266,7 +267,12 @@ class Equilibrium(Result):
         shear_responses = [self._respond(-self._elongate(shear)) for shear in shears]
         coupling = [np.sum(stiffness * response * changes) for changes in shear_responses]
         resistance = [[np.sum(stiffness * a * b) for b in shear_responses] for a in shear_responses]
-        amounts = -np.linalg.solve(resistance, coupling)
+        try:
+            amounts = -np.linalg.solve(resistance, coupling)
+        except np.linalg.LinAlgError:
+            problem = "the shear with which the stress of a cell stays hydrostatic is not found"
+            why = f"A shear of the {self.lattice.name} lattice costs nothing without friction"
+            raise ConvergenceError(problem, why, "Let the cell keep its shape") from None
         for amount, changes in zip(amounts, shear_responses, strict=True):
             response = response + amount * changes
         return response
