@@ -161,7 +161,7 @@ def explain_unrest(nearest: Rest, overlap: float) -> ConvergenceError:
     residual = find_residual(nearest)
     state = f"a force of {residual:.2g} of the mean contact force is left on a ball"
     if math.isinf(residual):
-        state = "all contacts are open"
+        state = "contacts carry nothing"
     return ConvergenceError(
         f"the sample has not come to rest{where} after {nearest.steps} steps",
         f"At an overlap of {overlap:.6g} widths {state}",
@@ -235,7 +235,7 @@ def _find_overlap(rest: Rest, load: ReducedLoad, scale: float) -> float:
 
 def find_residual(rest: Rest) -> float:
     """Return the largest force left on a ball of a ``rest``, over the mean force of all contacts;
-    infinite if all contacts are open.
+    infinite if contacts carry nothing.
 
     The residual of the rest is over the mean force of closed contacts, which is the mean force of
     all contacts divided by the share of those that are closed.

@@ -350,8 +350,11 @@ class GridDescent(Descent[GridPlace]):
         assembly = problem.assembly
         overlap *= on_grid.unit
         closed_part = float(np.mean(overlap > 0.0))
-        # over the mean force of closed contacts
-        residual = place.largest_pull / place.force * closed_part if closed_part else math.inf
+        residual = math.inf
+        # where contacts carry nothing, rounding may leave some of them closed
+        if closed_part and place.force > 0.0:
+            # over the mean force of closed contacts
+            residual = place.largest_pull / place.force * closed_part
         p = assembly.periods
         strain = np.einsum("s,sab->ab", on_grid.unit * place.strains, problem.unit_strains)
         return Rest(

@@ -66,6 +66,15 @@ def test_a_sweep_of_a_sample_that_does_not_come_to_rest_says_so(tmp_path):
     assert not list(tmp_path.iterdir())
 
 
+def test_a_stress_under_which_contacts_come_to_carry_nothing_is_told():
+    diamond = gp.Crystal.on("diamond", [gp.Ball(STEEL, D, spread=gp.Uniform(1e-5))] * 2)
+    sample = diamond.sample((3, 3, 3), seed=0)
+    stress = -1e5 * np.eye(3)
+    stress[0, 1] = stress[1, 0] = 2e4  # a shear, which diamond does not bear without friction
+    with pytest.raises(InputError, match="cannot bear the stress"):
+        sample.at_stress(stress)
+
+
 @pytest.mark.claim("crystal-samples")
 @pytest.mark.parametrize("geometry", ["lattice", "exact"])
 @pytest.mark.parametrize(
