@@ -75,6 +75,23 @@ def test_a_stress_under_which_contacts_come_to_carry_nothing_is_told():
         sample.at_stress(stress)
 
 
+def test_a_stress_under_which_the_cell_deforms_without_end_is_told():
+    bcc = gp.Crystal.on("bcc", [gp.Ball(STEEL, D, spread=gp.Uniform(6e-6))])
+    # bcc bears no stress whose diagonal is uneven
+    for stress, seed in itertools.product(([-77e3, -57e3, -56e3], [-80e3, -60e3, -50e3]), range(4)):
+        with pytest.raises(InputError, match="cannot bear the stress"):
+            bcc.sample((2, 1, 1), seed=seed).at_stress(np.diag(stress))
+
+
+def test_two_balls_that_differ_come_to_rest_under_a_strain_of_their_own():
+    """The two balls of a cell differ, and the sums of their diameters do not."""
+    strain = np.array([[-0.014, -0.004], [-0.004, -0.0004]])
+    ball = gp.Ball(STEEL, D, spread=gp.Uniform(1e-7))
+    two = gp.Crystal.on("honeycomb", [ball] * 2).sample((1, 1), seed=0)
+    equal = gp.Crystal.on("honeycomb", [gp.Ball(STEEL, D)] * 2)
+    assert_allclose(two.at_strain(strain).overlap, equal.at_strain(strain).overlap, rtol=1e-9)
+
+
 @pytest.mark.claim("crystal-samples")
 @pytest.mark.parametrize("geometry", ["lattice", "exact"])
 @pytest.mark.parametrize(
