@@ -25,6 +25,7 @@ atom, and some of its readers store that mass.
 from __future__ import annotations
 
 import re
+import warnings
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -75,6 +76,8 @@ _NO_COLUMNS = ("numbers", "positions")
 _COLUMN_NAMES = ("symbols", "species", "pos", "Z")
 #: keys that every second line of a file has
 _HEADER_KEYS = ("Lattice", "Properties", "pbc")
+#: keys whose entries readers take for matrices of 3 x 3
+_MATRIX_KEYS = ("stress", "virial")
 #: signs that part names, quote or enclose in the second line of a file, and blanks
 _SIGNS = re.compile(r"[\s:\"'\[\]{}\\]")
 _MEND = (
@@ -322,17 +325,24 @@ def write_extxyz(path: str | Path, atoms: Atoms) -> None:
     calculator are not written. The folder is made if need be. A file of granphon is replaced; where
     the Atoms have no arrays of granphon, so is a file of as many balls.
 
+    Some entries mean other things to the reader of ASE: arrays and entries of ``info`` with the
+    names of results, as "forces" and "energy", become those of a calculator, and an array
+    "move_mask" becomes constraints. Texts of ``info`` that spell a number or a truth value become
+    that, and None becomes true.
+
     Raises :class:`InputError` if ``atoms`` is not an Atoms or ``path`` is not a path, or if what
     the Atoms hold would not be read back:
 
     - an array with more than two axes or without columns; with other entries than real numbers,
-      truth values or texts; with a whole number of more than 32 bits, which ASE does not read; or
-      with a text that is empty or has blanks;
+      truth values or texts; with unsigned whole numbers, or one of more than 32 bits, which ASE
+      does not read; or with a text that is empty or has blanks;
     - an array whose name is no text, is empty, has blanks, colons, quotes, brackets or backslashes,
       or is "symbols", "species", "pos" or "Z";
     - an entry of ``info`` whose key is no text, is empty, has an equals sign or one of these signs
       other than a blank, or is "Lattice", "Properties" or "pbc";
-    - a text of ``info`` that is empty or has a line break or a backslash.
+    - an entry of ``info`` that is an empty array, or a text that is empty or has a line break or a
+      backslash; that ASE does not write, such as a complex number, bytes or a set; or of the name
+      "stress" or "virial", unless it is an array of nine real numbers.
 
     Raises :class:`~granphon.base.errors.OutputError` if the file cannot be written, or another
     kind of file is there.
@@ -386,8 +396,8 @@ def _require_columns(name: str, array: NDArray[Any]) -> None:
         raise InputError(
             f"the array {name} of the Atoms {problem}",
             "A row of the file has one ball, and blanks part its columns",
-            "Give an array (N,) or (N, n) of real numbers, whole numbers of at most 32 bits, truth"
-            " values or words, or remove the array",
+            "Give an array (N,) or (N, n) of real numbers, signed whole numbers of at most 32 bits,"
+            " truth values or words, or remove the array",
         )
 
 
@@ -414,6 +424,10 @@ def _require_entries(info: Mapping[Any, Any]) -> None:
             problem = f"info of the Atoms has the key {key!r}"
         elif isinstance(value, str) and (not value or re.search(r"[\r\n\\]", value)):
             problem = f"the entry {key} of info of the Atoms is the text {value!r}"
+        elif key in _MATRIX_KEYS and not _is_matrix(value):
+            problem = f"the entry {key} of info of the Atoms is {brief(value)}, no array of 3 x 3"
+        elif not _is_written(value):
+            problem = f"the entry {key} of info of the Atoms is {brief(value)}"
         else:
             continue
         raise InputError(
@@ -421,3 +435,20 @@ def _require_entries(info: Mapping[Any, Any]) -> None:
             "It would not be read back from the second line of the file",
             "Change it, or remove it from info",
         )
+
+
+def _is_matrix(value: Any) -> bool:
+    """Return whether a ``value`` is an array of nine real numbers, as ASE reads a stress."""
+    return isinstance(value, np.ndarray) and value.size == 9 and value.dtype.kind in "fi"
+
+
+def _is_written(value: Any) -> bool:
+    """Return whether ASE writes a ``value`` of an entry of ``info``: of an empty array it writes
+    nothing, and what it cannot write it leaves out with a warning.
+    """
+    from ase.io.extxyz import key_val_dict_to_str
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        entry = key_val_dict_to_str({"key": value})
+    return entry not in ("", "key=")

@@ -30,7 +30,7 @@ from granphon.array.stencils import Stencils
 from granphon.balls import hertz
 from granphon.balls.lattices import TRIANGULAR, Lattice
 from granphon.base.arrays import Array, Flags
-from granphon.base.errors import InputError
+from granphon.base.errors import ConvergenceError, InputError
 from granphon.base.results import Result, held, result_class
 from granphon.contacts import grid_loops
 from granphon.contacts.contact_list import ContactList
@@ -250,20 +250,29 @@ class Equilibrium(Result):
 
     def response(self) -> Array:
         """Return the derivatives (n_c, L1, ..., Lp) of the overlaps of contacts with respect to y,
-        while balls stay in balance. They are computed anew at each call.
+        while balls stay in balance. They are computed anew at each call. Where no contact carries
+        load, nothing moves the balls, and the derivatives are one.
 
-        Raises :class:`~granphon.base.errors.ConvergenceError` if they are not found.
+        Raises :class:`~granphon.base.errors.ConvergenceError` if they are not found, as where the
+        cell has sheared and a shear of it costs nothing.
         """
+        stiffness = self.stiffnesses
+        if not np.any(stiffness):
+            return np.ones_like(stiffness)
         response = self._respond(1.0)
-        if self.strain is None:
+        shears = list_shears(self.lattice.periods)
+        if self.strain is None or not len(shears):
             return response
         # the cell shears so far that the stress stays hydrostatic: no shear then does work
-        stiffness = self.stiffnesses
-        shears = list_shears(self.lattice.periods)
         shear_responses = [self._respond(-self._elongate(shear)) for shear in shears]
         coupling = [np.sum(stiffness * response * changes) for changes in shear_responses]
         resistance = [[np.sum(stiffness * a * b) for b in shear_responses] for a in shear_responses]
-        amounts = -np.linalg.solve(resistance, coupling)
+        try:
+            amounts = -np.linalg.solve(resistance, coupling)
+        except np.linalg.LinAlgError:
+            problem = "the shear with which the stress of a cell stays hydrostatic is not found"
+            why = f"A shear of the {self.lattice.name} lattice costs nothing without friction"
+            raise ConvergenceError(problem, why, "Let the cell keep its shape") from None
         for amount, changes in zip(amounts, shear_responses, strict=True):
             response = response + amount * changes
         return response
@@ -276,11 +285,12 @@ class Equilibrium(Result):
         all contacts, or one for each kind, (n_c, 1, ..., 1).
         """
         stiffness = self.stiffnesses
-        tension = stiffness * change
+        # what the forces of contacts gain while balls keep their places
+        gain = stiffness * change
         if isinstance(change, float):  # an even change: see _find_uniform_part
-            tension = change * (stiffness - _find_uniform_part(stiffness))
+            gain = change * (stiffness - _find_uniform_part(stiffness))
         iteration = self._iterate(stiffness)
-        forces = iteration.collect(tension.reshape(len(tension), -1))
+        forces = iteration.collect(gain.reshape(len(gain), -1))
         motions = GridResponse(iteration).find_motions(forces[..., None])[..., 0]
         return np.asarray(change - iteration.measure(motions).reshape(stiffness.shape))
 

@@ -136,6 +136,9 @@ class PressedHexagon(Result):
 
         The stiffness of a contact with a wall against slip, and that against roll, are the same
         parts of its normal stiffness as between balls, whatever the material of the walls.
+
+        Raises :class:`~granphon.base.errors.InputError` where a network does not hold such
+        contacts: with stiffnesses beyond 1e-60 to 1e60 N/m, or overlaps of nearly a diameter.
         """
         packing = self.packing
         d = packing.diameter

@@ -365,12 +365,16 @@ class PressedSample(Sample):
         thousandths: where the normal force of a contact falls, T falls in proportion to k, which is
         not a linear response. While the load rises and contacts slide, the slope is larger by about
         a hundredth.
+
+        Raises :class:`~granphon.base.errors.ConvergenceError` if the linear response is not found.
         """
         return self._average_stiffness(self.elastic_tensor, self.force, self.overlap)
 
     @property
     def stiffness_slope(self) -> float:
-        """Slope of :attr:`normal_stiffness` against the overlap as loading goes on, N/m^2."""
+        """Slope of :attr:`normal_stiffness` against the overlap as loading goes on, N/m^2; raised
+        are the errors of :attr:`elastic_tensors_beside`.
+        """
         f = self.force
         k = self.normal_stiffness
         # stiffnesses at loads further along the path, one and three steps of log f ahead

@@ -87,7 +87,10 @@ def bring_to_rest(
     ------
     InputError : the sample carries no load at this overlap; or no start is given, balls differ and
         the force is below f* = 1e-8; or the ratio is below zero or too large.
-    ConvergenceError : the tolerance is not reached; the message states the residual at the end.
+    ConvergenceError : the tolerance is not reached; the message states the residual at the end, if
+        there is one.
+    InstabilityError : in the true geometry equal balls collapse, as under a load that presses them
+        together by their diameter.
     """
     stencils = stencils or Stencils(deviations.shape)
     require_small(ratio or 0.0)
@@ -117,7 +120,7 @@ def bring_to_rest(
     except ConvergenceError as error:
         if error.reached is None:
             raise
-        raise _explain_unrest(error.reached, _find_overlap(error.reached, load, scale)) from error
+        raise explain_unrest(error.reached, _find_overlap(error.reached, load, scale)) from error
     kind = Equilibrium if ratio is None else TrueEquilibrium
     state = kind(
         deviations=deviations,
@@ -149,16 +152,19 @@ def _choose_options(tolerance: float, ratio: float, workers: int) -> RestOptions
     )
 
 
-def _explain_unrest(nearest: Rest, overlap: float) -> ConvergenceError:
+def explain_unrest(nearest: Rest, overlap: float) -> ConvergenceError:
     """Return the error of a search that has not led to rest; ``nearest`` is the state at its end,
-    and ``overlap`` its overlap y.
+    or the nearest to rest, and ``overlap`` its overlap y.
     """
     is_true = nearest.turned_normal is not None
     where = " in its true geometry" if is_true else ""
+    residual = find_residual(nearest)
+    state = f"a force of {residual:.2g} of the mean contact force is left on a ball"
+    if math.isinf(residual):
+        state = "contacts carry nothing"
     return ConvergenceError(
         f"the sample has not come to rest{where} after {nearest.steps} steps",
-        f"At an overlap of {overlap:.6g} widths a force of {find_residual(nearest):.2g} of the"
-        " mean contact force is left on a ball",
+        f"At an overlap of {overlap:.6g} widths {state}",
         "Raise the load, take fewer balls, or take geometry: lattice"
         if is_true
         else "Raise the load, or take fewer balls",
@@ -229,7 +235,7 @@ def _find_overlap(rest: Rest, load: ReducedLoad, scale: float) -> float:
 
 def find_residual(rest: Rest) -> float:
     """Return the largest force left on a ball of a ``rest``, over the mean force of all contacts;
-    infinite if all contacts are open.
+    infinite if contacts carry nothing.
 
     The residual of the rest is over the mean force of closed contacts, which is the mean force of
     all contacts divided by the share of those that are closed.

@@ -407,6 +407,8 @@ class Sample(Result):
         arrays of a file ``sample.extxyz``, and two more for each ball: ``contact_force``, the mean
         force of its contacts over the mean of all, and ``contacts``, the number of its contacts
         that carry load. To ``granphon.HertzMindlin`` of this sample's state the balls are at rest.
+
+        Raises the error of :attr:`normal_stiffness`, which is the unit of stiffness.
         """
         with needing("A sample of Atoms"):
             from ase import Atoms

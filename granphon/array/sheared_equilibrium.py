@@ -32,6 +32,7 @@ from granphon.array.rest import (
     apply_load,
     assemble,
     bring_to_rest,
+    explain_unrest,
     find_residual,
     gather_balls,
 )
@@ -41,7 +42,7 @@ from granphon.balls import hertz
 from granphon.base.arrays import Array
 from granphon.base.errors import ConvergenceError, InputError
 from granphon.contacts.assembly import Assembly
-from granphon.statics.configuration import Geometry
+from granphon.statics.configuration import AppliedLoad, Geometry
 from granphon.statics.find_rest import find_rest
 from granphon.statics.options import RestOptions
 from granphon.statics.rest import Rest
@@ -70,6 +71,7 @@ def equilibrate_sheared(
     InputError : the sample carries no load at this overlap or force; or the ratio is below zero or
         too large.
     ConvergenceError : a search does not come to rest, or no pressure is found for the load.
+    InstabilityError : as in :func:`~granphon.array.rest.bring_to_rest`.
     """
     require_small(ratio)
     if stencils.lattice.periods == 1 or not np.ptp(deviations):
@@ -129,10 +131,9 @@ class _PressureSearch:
         load = replace(load, shears=True)
         options = _OPTIONS.loosen() if self._ratio else _OPTIONS
         try:
-            rest = find_rest(self._assembly, load, "lattice", "stress", self._last_rest, options)
+            return self._find_rest(load, "lattice", options)
         except InputError as error:
             raise explain_no_load(overlap) from error
-        return self._keep(rest)
 
     def press(self, force: float) -> Equilibrium:
         """Return the equilibrium under the pressure that stands for a mean contact ``force`` f*.
@@ -140,8 +141,7 @@ class _PressureSearch:
         """
         load = apply_load(self._assembly, ReducedLoad(force=force, on_boundary=True), 1.0, 1.0)
         geometry: Geometry = "exact" if self._ratio else "lattice"
-        rest = find_rest(self._assembly, load, geometry, "stress", self._last_rest, _OPTIONS)
-        return self.make_state(self._keep(rest))
+        return self.make_state(self._find_rest(load, geometry, _OPTIONS))
 
     def find(
         self,
@@ -181,10 +181,20 @@ class _PressureSearch:
         problem = "no pressure is found under which the sample has this load"
         raise ConvergenceError(problem, mend="Raise the load, or give a pressure")
 
-    def _keep(self, rest: Rest) -> Rest:
-        """Keep a ``rest`` as the start of the next search, add its steps and iterations to those of
-        all searches, and return the rest.
+    def _find_rest(self, load: AppliedLoad, geometry: Geometry, options: RestOptions) -> Rest:
+        """Return the rest under a ``load``, found from the last one. Side effects: the rest is kept
+        as the start of the next search, and its steps and iterations are added to those of all
+        searches.
+
+        Raises the errors of :func:`~granphon.statics.find_rest.find_rest`.
         """
+        try:
+            rest = find_rest(self._assembly, load, geometry, "stress", self._last_rest, options)
+        except ConvergenceError as error:
+            if error.reached is None:
+                raise
+            overlap, _ = split_strain(error.reached.strain, self._ratio)
+            raise explain_unrest(error.reached, overlap) from error
         self._last_rest = rest
         self._steps += rest.steps
         self._iterations += rest.iterations

@@ -223,8 +223,8 @@ class Stencils:
 
     def forces(self, *tensions: Array) -> Array:
         """Return the forces C^T f (fields, L1, ..., Lp) on balls, in the coordinates of their
-        motions, of the ``tensions`` f. The rows of f are given in parts (n, L1, ..., Lp), one after
-        the other.
+        motions, that hold them against the ``tensions`` f; contacts exert the opposite ones. The
+        rows of f are given in parts (n, L1, ..., Lp), one after the other.
         """
         return self.operator.pull(*tensions)
 

@@ -452,13 +452,7 @@ class Stepper:
         options = self.options
         drag = options.drag
         motion = math.inf  # before the first step there is none to compare with
-        # where contacts push balls aside, in space, dashpots stay as strong as the pushes of all
-        # contacts of a ball in sum
-        stencils = self.geometry.stencils
-        n_around = 2 * stencils.n_contacts // stencils.n_balls
-        ratio = self.geometry.ratio
-        is_pushed = ratio > 0.0 and len(stencils.shape) == 3
-        least_drag = min(drag, n_around * ratio * state.force) if is_pushed else 0.0
+        least_drag = min(drag, self._find_push_aside(state))
         for _ in range(options.tries):
             last_drag = drag
             last_motion = motion
@@ -471,7 +465,7 @@ class Stepper:
             is_faster = motion > last_motion
             if drag == last_drag and is_faster:
                 return None
-            if is_pushed:
+            if least_drag:
                 is_still = drag == last_drag and motion < options.still_motion
             else:
                 is_still = drag * motion < options.still_force * state.force
@@ -480,6 +474,17 @@ class Stepper:
                 is_standing = at_rest is not None and at_rest.force >= 0.5 * options.standing_force
                 return at_rest if is_standing else None
         return None
+
+    def _find_push_aside(self, state: PressedArray) -> float:
+        """Return the stiffness, c W^(1/2), with which the contacts of a ball push it aside in sum
+        if they all bear the mean force of a ``state``. Zero in a plane, where balls that stand do
+        not give way by such pushes, and where contacts keep their directions.
+        """
+        stencils = self.geometry.stencils
+        if len(stencils.shape) < 3:
+            return 0.0
+        n_around = 2 * stencils.n_contacts // stencils.n_balls
+        return n_around * self.geometry.ratio * state.force
 
 
 def goes_on(loads: Sequence[float], similar: float) -> bool:

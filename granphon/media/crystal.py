@@ -55,7 +55,7 @@ from granphon.balls.neighbours import (
 from granphon.balls.on_site import SpringLaw, read_on_site, turn_on_site
 from granphon.balls.packing import read_rolling, require_shallow
 from granphon.base.arrays import Array, Flags, Index
-from granphon.base.errors import InputError, brief
+from granphon.base.errors import ConvergenceError, InputError, brief
 from granphon.base.memory import require_memory
 from granphon.base.results import Result, held, read_only, result_class
 from granphon.base.scales import Units
@@ -1337,11 +1337,15 @@ class Crystal(Result):
         balls, it is solved in the order of the crystal.
         """
         sample_on_grid = self._sample_on_grid
-        if sample_on_grid is None or np.any(load.force):
-            return find_rest(self._assembly, load, geometry, boundary, start)
-        start_on_grid = None if start is None else sample_on_grid.sort(start)
-        rest_on_grid = find_rest(sample_on_grid.assembly, load, geometry, boundary, start_on_grid)
-        return sample_on_grid.restore(rest_on_grid)
+        try:
+            if sample_on_grid is None or np.any(load.force):
+                return find_rest(self._assembly, load, geometry, boundary, start)
+            start_on_grid = None if start is None else sample_on_grid.sort(start)
+            on_grid = find_rest(sample_on_grid.assembly, load, geometry, boundary, start_on_grid)
+        except ConvergenceError as error:
+            error.reached = None  # it is no state of the crystal
+            raise
+        return sample_on_grid.restore(on_grid)
 
     def _require_drawn(self) -> None:
         """Raise :class:`InputError` if balls have a spread of diameters, and none are drawn."""

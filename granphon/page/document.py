@@ -63,7 +63,7 @@ class Items:
 
 @dataclass(frozen=True)
 class Code:
-    """A text that stands as it is, such as a file."""
+    """A text that stands as it is, such as a file, but for blanks and blank lines at its end."""
 
     text: str
 
@@ -110,6 +110,7 @@ class Picture:
 
     def write_html(self) -> str:
         """Return the picture as HTML that holds its bytes."""
+        # a browser tells the kind of a picture by the bytes, whatever is said of an unknown name
         kind = mimetypes.guess_type(self.name)[0] or "image/png"
         content = base64.b64encode(self.data).decode("ascii")
         caption = escape(self.caption)

@@ -108,16 +108,16 @@ def tabulate_medium(
         "note": "",
         "refusal": "",
     }
-    if packing.structure.periods == 1:
-        return description
-    if name == "ala":
-        return description | {"note": _AVERAGED_NOTE}
-    if name not in (*_MEDIA_OF_FORMULAS, "simulation"):
+    if name not in ("ala", *_MEDIA_OF_FORMULAS, "simulation"):
         raise InputError(
             f"a page has no table of the medium {choice.label}",
             "The law of a registered medium need not be one curve for all widths",
             f"Give a medium among ala, {', '.join(_MEDIA_OF_FORMULAS)}, simulation",
         )
+    if packing.structure.periods == 1:  # every contact of a line bears the load itself
+        return description
+    if name == "ala":
+        return description | {"note": _AVERAGED_NOTE}
     try:
         if name == "simulation":
             return description | _tabulate_simulation(packing, choice, least_force)

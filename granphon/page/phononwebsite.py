@@ -41,16 +41,13 @@ def write_phononwebsite(bands: Bands, name: str) -> str:
     exp(2 pi i q.l). Lengths are in Angstrom, and a ball of one diameter is 2.5 Angstrom wide.
     ``eigenvalues`` are in the decimal unit of hertz that stands in the name of the file's data;
     the viewer writes cm^-1 in its place.
+
+    Raises :class:`~granphon.base.errors.InputError` for bands without eigenvectors.
     """
     unit = HertzPrefix.for_top(float(bands.frequencies.max()))
     periods = bands.periods
     segments, points, branches = bands.frequencies.shape
-    # across a line or a layer the viewer needs a cell with empty space
-    cell = bands.cell.copy()
-    centres = (bands.positions @ bands.cell)[:, None]  # (n, 1, 3)
-    extent = np.ptp(centres[:, 0], axis=0)
-    for axis in range(periods, 3):
-        cell[axis] = (extent[axis] + _EMPTY_LENGTH) * np.eye(3)[axis]
+    cell = _widen_cell(bands)
     marks = _place_marks(bands)
     balls = name_balls(bands.masses, bands.kinds)
     mark_symbols = [free_symbol("H", balls)] * marks.shape[1]
@@ -58,6 +55,7 @@ def write_phononwebsite(bands: Bands, name: str) -> str:
     for ball in balls:
         symbols += [ball, *mark_symbols]
     numbers = [atomic_numbers[symbol] for symbol in symbols]
+    centres = (bands.positions @ bands.cell)[:, None]  # (n, 1, 3)
     positions = np.concatenate([centres, centres + marks], axis=1).reshape(-1, 3)
     vectors = _displace_atoms(bands, marks).reshape(segments * points, branches, -1, 3)
     data = {
@@ -79,6 +77,17 @@ def write_phononwebsite(bands: Bands, name: str) -> str:
         "highsym_qpts": _list_corners(bands.labels, points),
     }
     return json.dumps(data, allow_nan=False, separators=(",", ":")) + "\n"
+
+
+def _widen_cell(bands: Bands) -> Array:
+    """Return the vectors (3, 3) of the cell, in diameters; those across a line or a layer are so
+    long that the viewer has empty space beside the balls.
+    """
+    cell = bands.cell.copy()
+    extent = np.ptp(bands.positions @ bands.cell, axis=0)
+    for axis in range(bands.periods, 3):
+        cell[axis] = (extent[axis] + _EMPTY_LENGTH) * np.eye(3)[axis]
+    return cell
 
 
 def _place_marks(bands: Bands) -> Array:

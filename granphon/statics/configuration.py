@@ -257,7 +257,7 @@ class Problem:
 
     def remove_drift(self, motion: Array) -> Array:
         """Return a ``motion`` (size,) less the mean motion of the balls along the
-        :attr:`free_axes`.
+        :attr:`free_axes`: a new array, or the same one where there are no such axes.
         """
         if not self.free_axes:
             return motion
@@ -402,17 +402,19 @@ class Configuration:
         self.force_size = assembly.laws.size(self.force)
 
     @cached_property
-    def deformed(self) -> Array:
-        """(p, p) deformation gradient of the cell, one plus the strain."""
+    def deformation_gradient(self) -> Array:
+        """(p, p) the unit matrix plus the strain, with which a vector of the cell at touch becomes
+        that of the deformed cell.
+        """
         return np.eye(len(self.strain)) + self.strain
 
     @cached_property
     def growth(self) -> float:
-        """Determinant of :attr:`deformed`: the length, area or volume of the deformed cell over
-        that at touch; 1 without a period. It is zero of a cell that is squeezed to nothing, and
-        below zero of one that is turned inside out along one axis or three.
+        """Determinant of :attr:`deformation_gradient`: the length, area or volume of the deformed
+        cell over that at touch; 1 without a period. It is zero of a cell that is squeezed to
+        nothing, and below zero of one that is turned inside out along one axis or three.
         """
-        return float(np.linalg.det(self.deformed)) if len(self.strain) else 1.0
+        return float(np.linalg.det(self.deformation_gradient)) if len(self.strain) else 1.0
 
     @cached_property
     def load_force(self) -> Array:
@@ -427,7 +429,7 @@ class Configuration:
         force = load.force + (self.growth - 1.0) * load.pressure_force
         work = np.zeros(len(problem.unit_strains))
         if load.stress is not None and self.growth > 0.0:
-            stress = load.stress @ np.linalg.inv(self.deformed) * self.growth
+            stress = load.stress @ np.linalg.inv(self.deformation_gradient) * self.growth
             work = problem.find_work(stress)
         return np.concatenate([force, work])
 
@@ -448,7 +450,7 @@ class Configuration:
             return None
         n = problem.n_displacements
         k = problem.assembly.n_walls
-        inverse = np.linalg.inv(self.deformed)
+        inverse = np.linalg.inv(self.deformation_gradient)
         slope = np.zeros((problem.size, k + len(units)))
         for column, unit in enumerate(units, start=k):
             # the derivatives of the growth g, 1/m, and of g F^-1 with the deformation gradient F
@@ -530,7 +532,7 @@ class Configuration:
         # no eigenvalue of the strain is larger than the sum of the sizes of its entries
         if float(np.sum(np.abs(self.strain))) < 1.0:
             return True
-        return float(np.min(np.linalg.eigvalsh(self.deformed))) > 0.0
+        return float(np.min(np.linalg.eigvalsh(self.deformation_gradient))) > 0.0
 
     def move(self, x: Array, overlap: Array | None = None) -> Configuration:
         """Return the configuration at other unknowns x (size,), with the ``overlap`` (n_c,), m, of

@@ -46,11 +46,12 @@ def find_rest(
     geometry : "lattice": contacts keep the directions of the sites, and overlaps are linear in the
         displacements; "exact": contacts turn, the cell deforms, and the stress is Cauchy's.
     boundary : "stress": the cell takes the stress of the load; "isotropic": it keeps its shape and
-        takes the pressure of the load. Neither matters to a cell whose strain is given.
-    start : a state near by; balls of a grid that do not differ need none, in the directions of the
-        lattice. By default the search starts from linear springs or from the sites, and in exact
-        directions from rest on the lattice, which is then found first; steps on the way there count
-        too.
+        takes the pressure of the load. It does not matter where a strain, or a mean force of
+        contacts, is given.
+    start : a state near by, which is not used where balls of a grid do not differ, in the
+        directions of the lattice. By default the search starts from linear springs or from the
+        sites, and in exact directions from rest on the lattice, which is then found first; steps on
+        the way there count too.
     options : the numbers of the search; the defaults of :class:`RestOptions` if None.
 
     Raises

@@ -94,11 +94,8 @@ def _find_table(
     """
     d = len(shape)
     n_fields = d * n_balls
-    normal = np.reshape(normals, (-1, d))
-    shift = np.reshape(shifts, (-1, d))
-    # each contact joins the only ball of a cell to an image of it: with the same contact on the
-    # other side of the ball, phases come in pairs of opposite sign, whose sum is real
-    is_real = n_balls == 1
+    contacts = list(zip(first, second, np.reshape(shifts, (-1, d)), strict=True))
+    directions = np.reshape(normals, (-1, d))
     counts = count_waves(shape)
     table = np.zeros((n_fields, n_fields, *counts), _choose_precision(n_balls))
     translations = np.zeros((n_fields, n_fields))  # projection on translations of the whole array
@@ -108,16 +105,7 @@ def _find_table(
     for low in range(0, counts[0], step):
         waves = [np.arange(count) for count in counts]
         waves[0] = waves[0][low : low + step]
-        phases = list_phases(shape, waves)
-        matrix = np.zeros((*phases[0].shape, n_fields, n_fields), float if is_real else complex)
-        for i, j, cells, direction in zip(first, second, shift.tolist(), normal, strict=True):
-            angle = sum(count * phase for count, phase in zip(cells, phases, strict=True))
-            projection = np.outer(direction, direction)
-            if is_real:
-                # |exp(i angle) - 1|^2
-                matrix += (4.0 * np.sin(0.5 * angle) ** 2)[..., None, None] * projection
-            else:
-                _add_contact(projection, i, j, angle, matrix)
+        matrix = _find_matrices(n_fields, contacts, directions, list_phases(shape, waves))
         if low == 0:  # nothing resists translations: unit springs make the matrix invertible
             matrix[(0,) * d] += translations
         inverse = invert_hermitian(matrix)
@@ -127,6 +115,30 @@ def _find_table(
     flat = table.reshape(n_fields, n_fields, -1)
     flat.flags.writeable = False
     return flat
+
+
+def _find_matrices(
+    n_fields: int, contacts: list[tuple[int, int, Values]], directions: Values, phases: list[Values]
+) -> Values:
+    """Return the tangents (..., f, f) of contacts of stiffness one for waves with the ``phases``
+    (...), rad, from one cell to the next along each axis; f is ``n_fields``.
+
+    ``contacts`` are the balls i and j of each kind of contact, and the steps (d,) from the cell of
+    ball i to that of ball j; ``directions`` (kinds, d) are unit vectors. Of cells with one ball the
+    tangents are real: with each contact at a ball there is the same one on its other side, and
+    their phases, of opposite sign, have a real sum.
+    """
+    is_real = n_fields == directions.shape[1]
+    matrix = np.zeros((*phases[0].shape, n_fields, n_fields), float if is_real else complex)
+    for (i, j, steps), direction in zip(contacts, directions, strict=True):
+        angle = sum(count * phase for count, phase in zip(steps.tolist(), phases, strict=True))
+        projection = np.outer(direction, direction)
+        if is_real:
+            # |exp(i angle) - 1|^2
+            matrix += (4.0 * np.sin(0.5 * angle) ** 2)[..., None, None] * projection
+        else:
+            _add_contact(projection, i, j, angle, matrix)
+    return matrix
 
 
 def _add_contact(projection: Values, i: int, j: int, angle: Any, matrix: Values) -> None:

@@ -151,9 +151,9 @@ class GridPlace:
     def residual(self) -> float:
         """The largest force left on a ball, over the scale to which tolerances refer: the mean
         force of contacts, or the standard deviation of their forces if that is less, but at least
-        that of ``options.least_difference``. If the force left on the strains, over the mean force
-        and the tolerance of the cell, is larger, the residual is that force. Contacts must
-        carry something.
+        that of ``options.least_difference``; where both are zero, the mean force. If the force left
+        on the strains, over the mean force and the tolerance of the cell, is larger, the residual
+        is that force. Contacts must carry something.
         """
         problem = self.problem
         options = self.options
@@ -161,7 +161,7 @@ class GridPlace:
         # rounding may make the difference less than zero
         variance = max(0.0, self.square / self.excess.size - mean_excess**2)
         least = self.level * options.least_difference * problem.spread
-        scale = min(self.force, max(math.sqrt(variance), least))
+        scale = min(self.force, max(math.sqrt(variance), least)) or self.force
         push = float(np.max(np.abs(self.push), initial=0.0)) * problem.weight
         of_strains = push / (problem.problem.load.cell_tolerance * self.force) if push else 0.0
         of_balls = 0.0 if self._has_rounded_pull else self.largest_pull / scale
@@ -304,8 +304,10 @@ class GridDescent(Descent[GridPlace]):
         return GridPlace(problem, balls, strains, self.options)
 
     def _is_stuck(self, place: GridPlace) -> bool:
-        """Return whether contacts carry nothing, so that there is no rest under load."""
-        return place.carries_nothing
+        """Return whether contacts carry nothing, so that there is no rest under load, or the cell
+        has deformed beyond the range of numbers, as under a load that contacts cannot bear.
+        """
+        return place.carries_nothing or not math.isfinite(place.force)
 
     def _advance(self, place: GridPlace) -> GridPlace:
         """Return the place after a step of Newton's method, of a length at which the slope of the
@@ -350,8 +352,11 @@ class GridDescent(Descent[GridPlace]):
         assembly = problem.assembly
         overlap *= on_grid.unit
         closed_part = float(np.mean(overlap > 0.0))
-        # over the mean force of closed contacts
-        residual = place.largest_pull / place.force * closed_part if closed_part else math.inf
+        residual = math.inf
+        # where contacts carry nothing, rounding may leave some of them closed
+        if closed_part and place.force > 0.0:
+            # over the mean force of closed contacts
+            residual = place.largest_pull / place.force * closed_part
         p = assembly.periods
         strain = np.einsum("s,sab->ab", on_grid.unit * place.strains, problem.unit_strains)
         return Rest(

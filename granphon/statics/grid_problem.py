@@ -113,8 +113,10 @@ class GridProblem:
 
     def begins_inside(self, strains: Array, options: RestOptions) -> bool:
         """Return whether the interior-point method is to come before Newton's, which then begins
-        near rest: where balls differ, and at the ``strains`` (s,) of the start so few contacts are
-        closed, or the mean force is so small, as ``options`` say.
+        near rest. It comes before where balls differ and, in space, the grid is small enough for
+        factors. If a strain is given, fewer contacts than the part ``options.closed_part`` must be
+        closed on the sites at the ``strains`` (s,) of the start; if not, equal balls must have a
+        mean force there in the range of the ``options``.
         """
         # in space the interior-point method takes too many iterations without factors
         if not self.spread or (len(self.grid.shape) == 3 and not is_small(self.grid, options)):
@@ -249,10 +251,10 @@ def _find_pushes(grid: Grid) -> Array:
 
 
 def _choose_unit(spread: float, given: Array, overlap: float) -> float:
-    """Return the unit of lengths, m: the power of two that is nearest to the width of diameters
-    with a ``spread`` of overlaps on the sites, m. Of balls that do not differ, it is near the
-    ``overlap``, m, of the mean force of the load, or else near the overlaps ``given`` (kinds,), m,
-    that a given strain makes; 1 m if there are none.
+    """Return the unit of lengths, m: the power of two that is nearest, on a logarithmic scale, to
+    the width of diameters with a ``spread`` of overlaps on the sites, m. Of balls that do not
+    differ, it is near the ``overlap``, m, of the mean force of the load, or else near the overlaps
+    ``given`` (kinds,), m, that a given strain makes; 1 m if there are none.
     """
     length = _WIDTH_OVER_RMS * spread or overlap or float(np.max(np.abs(given)))
     return 2.0 ** round(math.log2(length)) if 0.0 < length < math.inf else 1.0

@@ -133,13 +133,13 @@ def _advance(
     numbers = equations.options.interior
     balls, strains, h, f, s = point
     mu = factor * float(np.mean(f * s))
-    # Newton's equations without f and s: stiffness K, and tensions that drive the motion
+    # Newton's equations without f and s: stiffness K, and forces of contacts that drive the motion
     overlap_of_f = hertz.overlap_of(f)  # f^(2/3)
     stiffness = f / (overlap_of_f / hertz.EXPONENT + s)
     # the overlap that f is short of
     shortfall = h - overlap_of_f + mu / f
-    tension = f + stiffness * shortfall
-    forces = Unknowns(problem.collect(tension), _find_push(problem, f, tension, numbers))
+    drive = f + stiffness * shortfall
+    forces = Unknowns(problem.collect(drive), _find_push(problem, f, drive, numbers))
     motion, count = equations.solve(
         stiffness, forces, inverses.choose(stiffness), _choose_accuracy(factor, numbers)
     )
@@ -156,9 +156,9 @@ def _advance(
     return _Point(balls, strains, problem.find_overlaps(balls, strains), f, s), count
 
 
-def _find_push(problem: GridProblem, f: Array, tension: Array, numbers: InteriorOptions) -> Array:
-    """Return the forces (n_strains,) that drive the strains: those of the load, and of the
-    ``tension`` (kinds, cells) of contacts. Zeros where there are no unknown strains.
+def _find_push(problem: GridProblem, f: Array, drive: Array, numbers: InteriorOptions) -> Array:
+    """Return the forces (n_strains,) that drive the strains: those of the load, and those by forces
+    ``drive`` (kinds, cells) of contacts. The result is empty where there are no unknown strains.
 
     A single strain is driven by no smaller load than one that presses contacts with the part
     ``largest_factor`` of their mean force ``f``: the mean force then falls in several steps.
@@ -169,7 +169,7 @@ def _find_push(problem: GridProblem, f: Array, tension: Array, numbers: Interior
         force = numbers.largest_factor * float(np.mean(f))
         least = force * cells * np.sum(problem.strained, axis=0)
         of_load = -np.maximum(-of_load, least)
-    return np.asarray(of_load + np.sum(tension, axis=1) @ problem.strained)
+    return np.asarray(of_load + np.sum(drive, axis=1) @ problem.strained)
 
 
 def _choose_accuracy(factor: float, numbers: InteriorOptions) -> float:

@@ -202,14 +202,14 @@ class LatticeIteration(GridIteration):
         forces *= self._mean
         return forces, (elongations * sums) @ elongations.T
 
-    def collect(self, tension: Array) -> Array:
-        """Return the forces (n, d) on balls that ``tension`` (kinds, cells) of contacts makes; a
-        tension above zero pushes balls apart.
+    def collect(self, force: Array) -> Array:
+        """Return the forces (n, d) on balls that a ``force`` (kinds, cells) of contacts makes,
+        above zero where balls are pushed apart.
         """
         grid = self._grid
         d = len(grid.shape)
         on_balls = np.zeros((grid.n_balls * d, grid.n_cells))
-        grid_loops.add_forces(grid.runs, tension, on_balls)
+        grid_loops.add_forces(grid.runs, force, on_balls)
         return list_balls(on_balls[:, None], d)[..., 0]
 
     def measure(self, motions: Array) -> Array:

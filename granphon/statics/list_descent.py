@@ -324,7 +324,7 @@ class LatticeDescent(ListDescent):
         laws = self.problem.assembly.laws
         never_opens = np.isinf(laws.tension)
         stiffness = laws.stiffness(place.overlap)
-        stiffest_contact = float(np.max(stiffness[~never_opens]))
+        stiffest_contact = float(np.max(stiffness[~never_opens], initial=0.0))
         words = f"{self.problem.load.words} leaves no force to contact {contact}"
         why = "Springs to the ground or bonds bear the load in its place"
         if stiffest_contact > 0.0:

@@ -92,7 +92,7 @@ class Equations:
     ) -> Array:
         """Return the step (size,), m, that takes the forces ``pull`` (size,), N, away, without a
         drift of the whole; see :meth:`linearise` and :meth:`Linearisation.invert` for the other
-        arguments.
+        arguments, and for what is raised.
         """
         linear = self.linearise(configuration, stiffness, turning)
         row = find_mean_row(configuration, stiffness)

@@ -41,8 +41,11 @@ from granphon.statics.newton import (
 from granphon.statics.options import RestOptions
 from granphon.statics.rest import Rest, find_unknowns
 
-#: what mends a crystal of differing balls that falls
-_STAY = "Leave finite_overlap out: contacts then keep the directions of the sites"
+#: what mends a crystal, or a simulated array, of differing balls that falls
+_STAY = (
+    "Leave finite_overlap out, or in a simulation take geometry: lattice: contacts then keep the"
+    " directions of the sites"
+)
 
 
 class TurningWay:

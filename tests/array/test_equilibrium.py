@@ -24,9 +24,10 @@ import granphon as gp
 from granphon.array.equilibrium import Equilibrium
 from granphon.array.options import ReducedLoad
 from granphon.array.rest import bring_to_rest
+from granphon.array.sheared_equilibrium import equilibrate_sheared
 from granphon.array.stencils import Stencils
 from granphon.balls.diameters import UniformShape
-from granphon.balls.lattices import TRIANGULAR
+from granphon.balls.lattices import SQUARE, TRIANGULAR
 from granphon.base.errors import ConvergenceError, InputError
 from granphon.dynamics.local_field import local_field
 from granphon.laws.effective import EffectiveLaw
@@ -515,6 +516,23 @@ def test_what_is_reached_is_said(monkeypatch):
     left = float(str(error.value).split("a force of ")[1].split(" of the mean")[0])
     assert 1e-10 < left < 100.0
     assert "overlap of 0 widths" in str(error.value)
+
+
+@pytest.mark.parametrize("strain", [None, np.zeros((2, 2))], ids=["even", "sheared"])
+def test_balls_without_load_have_no_stiffness(strain):
+    state = Equilibrium(np.zeros((3, 4)), -1.0, np.zeros((2, 3, 4)), strain=strain)
+    assert np.all(state.response() == 1.0)
+    assert state.stiffness == state.stiffness_slope == 0.0
+    assert not np.any(state.find_elasticity(0.8))
+
+
+def test_a_cell_with_a_shear_that_costs_nothing_has_no_response():
+    deviations = balls((4, 4))
+    state = equilibrate_sheared(
+        deviations, ReducedLoad(overlap=1.0), 0.0, Stencils((4, 4), lattice=SQUARE)
+    )
+    with pytest.raises(ConvergenceError, match="square lattice costs nothing"):
+        _ = state.stiffness
 
 
 def test_response_that_is_not_found_is_said(monkeypatch):

@@ -28,7 +28,7 @@ from granphon.array.stencils import Motion, Stencils
 from granphon.array.true_equilibrium import SmallMotions, TrueEquilibrium, list_exact_contacts
 from granphon.balls.lattices import FCC, HCP, TRIANGULAR, find_lattice
 from granphon.balls.neighbours import contact_frames
-from granphon.base.errors import ConvergenceError, InputError
+from granphon.base.errors import ConvergenceError, InputError, InstabilityError
 from granphon.contacts.friction import Tangent
 from granphon.contacts.tangent import find_tangent, unit_strains
 from granphon.dynamics.elasticity import bulk_and_shear, find_stress_part, voigt_pairs
@@ -929,6 +929,22 @@ def test_the_tensor_of_one_rest_is_that_of_the_contacts_that_count():
     same = replace(far, residual=with_both.residual)
     np.testing.assert_array_equal(same.carries, with_both.carries)
     np.testing.assert_allclose(same.find_elasticity(ETA), tensor, rtol=0.0, atol=1e-9 * size)
+
+
+@pytest.mark.parametrize("boundary", ["isotropic", "stress"])
+def test_a_search_without_rest_says_where_it_ends_and_what_mends_it(boundary):
+    load = ReducedLoad(force=20.0)  # balls overlap by three quarters of their diameters
+    with pytest.raises(
+        ConvergenceError, match=r"true geometry after .* geometry: lattice"
+    ) as caught:
+        find_equilibrium(balls((4, 4)), Stencils((4, 4)), load, None, 0.1, boundary)
+    assert "a force of inf" not in str(caught.value)
+    assert caught.value.reached is None  # a state of statics is no state of a medium
+
+
+def test_equal_balls_that_are_pressed_beyond_their_diameter_collapse():
+    with pytest.raises(InstabilityError, match="collapses"):
+        bring_to_rest(np.zeros((4, 4)), ReducedLoad(force=40.0), ratio=0.1)
 
 
 def test_an_equilibrium_does_not_depend_on_the_other_loads():

@@ -125,6 +125,7 @@ def test_the_table_of_every_class_of_results_is_well_formed(monkeypatch):
             needed = {
                 "packing": packing,
                 "tensor": np.eye(3),
+                "normal_stiffness": np.zeros((2, 3, 3, 4)),
                 "parameters": ("damping" if "loss_factor" in names else "width",),
             }
             needed["quantity"] = "velocity"

@@ -12,7 +12,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 import granphon as gp
-from granphon.base.errors import InputError, MechanismError
+from granphon.base.errors import ConvergenceError, InputError, MechanismError
 from granphon.media.arrangement import Arrangement
 from granphon.media.state import as_state
 from tests.conftest import only
@@ -55,6 +55,41 @@ def test_a_chain_carries_one_force():
         ).longitudinal,
         rtol=1e-12,
     )
+
+
+def test_a_sweep_of_a_sample_that_does_not_come_to_rest_says_so(tmp_path):
+    wide = gp.Crystal.on("triangular", [gp.Ball(STEEL, D, spread=gp.Uniform(0.1 * D))])
+    sample = wide.sample((4, 4), seed=0)
+    # the search ends at a state near rest, which is no data set of loads before
+    with pytest.raises(ConvergenceError, match="have not come to rest"):
+        gp.sweep(sample, force=[1e6], finite_overlap=True, path=tmp_path / "sweep.nc")
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_stress_under_which_contacts_come_to_carry_nothing_is_told():
+    diamond = gp.Crystal.on("diamond", [gp.Ball(STEEL, D, spread=gp.Uniform(1e-5))] * 2)
+    sample = diamond.sample((3, 3, 3), seed=0)
+    stress = -1e5 * np.eye(3)
+    stress[0, 1] = stress[1, 0] = 2e4  # a shear, which diamond does not bear without friction
+    with pytest.raises(InputError, match="cannot bear the stress"):
+        sample.at_stress(stress)
+
+
+def test_a_stress_under_which_the_cell_deforms_without_end_is_told():
+    bcc = gp.Crystal.on("bcc", [gp.Ball(STEEL, D, spread=gp.Uniform(6e-6))])
+    # bcc bears no stress whose diagonal is uneven
+    for seed in (2, 3):
+        with pytest.raises(InputError, match="cannot bear the stress"):
+            bcc.sample((2, 1, 1), seed=seed).at_stress(np.diag([-77e3, -57e3, -56e3]))
+
+
+def test_two_balls_that_differ_come_to_rest_under_a_strain_of_their_own():
+    """The two balls of a cell differ, and the sums of their diameters do not."""
+    strain = np.array([[-0.014, -0.004], [-0.004, -0.0004]])
+    ball = gp.Ball(STEEL, D, spread=gp.Uniform(1e-7))
+    two = gp.Crystal.on("honeycomb", [ball] * 2).sample((1, 1), seed=0)
+    equal = gp.Crystal.on("honeycomb", [gp.Ball(STEEL, D)] * 2)
+    assert_allclose(two.at_strain(strain).overlap, equal.at_strain(strain).overlap, rtol=1e-9)
 
 
 @pytest.mark.claim("crystal-samples")

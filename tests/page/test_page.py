@@ -771,14 +771,15 @@ def test_equal_balls_without_the_friction_that_holds_their_lattice_have_a_page()
         describe_page(balls_that_differ, [MediumChoice("ema")], FORCE)
 
 
-def test_a_page_refuses_a_registered_medium():
+@pytest.mark.parametrize("lattice", ["triangular", "chain"])
+def test_a_page_refuses_a_registered_medium(lattice):
     @gp.register_medium
     class Sorted(gp.AveragedForce):
         name = "sorted"
 
     try:
         with pytest.raises(InputError, match="sorted"):
-            describe_page(BALLS, [MediumChoice("sorted")], FORCE)
+            describe_page(replace(BALLS, lattice=lattice), [MediumChoice("sorted")], FORCE)
     finally:
         MEDIA.remove(Sorted.name)
 

@@ -400,9 +400,10 @@ def test_folders_are_made_by_all_that_writes(tmp_path):
         np.array([""]),
         np.array([None]),
         np.array([2**31]),
+        np.array([1], np.uint8),
         np.zeros((1, 0)),
     ],
-    ids=["tensor", "complex", "blank", "empty", "object", "long", "narrow"],
+    ids=["tensor", "complex", "blank", "empty", "object", "long", "unsigned", "narrow"],
 )
 def test_write_extxyz_refuses_what_no_reader_reads(tmp_path, values):
     balls = gp.atoms(at_overlap())
@@ -423,7 +424,11 @@ def test_write_extxyz_refuses_names_of_arrays_that_no_reader_finds(tmp_path, nam
 
 @pytest.mark.parametrize(
     ("key", "value"),
-    [("", 1), (3, 1), ("pbc", "x"), ("a=b", 1), ("a\nb", 1), ("a", ""), ("a", "b\nc"), ("a", "\\")],
+    [
+        *[("", 1), (3, 1), ("pbc", "x"), ("a=b", 1), ("a\nb", 1)],
+        *[("a", ""), ("a", "b\nc"), ("a", "\\"), ("a", np.array([])), ("a", 1j), ("a", b"b")],
+        *[("stress", np.zeros(6)), ("virial", [[0.0] * 3] * 3)],
+    ],
 )
 def test_write_extxyz_refuses_info_that_would_not_be_read_back(tmp_path, key, value):
     balls = gp.atoms(at_overlap())
