@@ -66,8 +66,8 @@ class Load:
     balls_per_side : length of a side of the frame in balls, for a side force only.
     tensor : the stress or strain of size one in Voigt order, 1, 3 or 6 components; tension and
         extension are positive.
-    gravity : of a crystal, the acceleration towards the face that is held, m/s^2; away from the
-        face where below zero.
+    gravity : of a crystal, the acceleration towards the face that is held, m/s^2, or down the last
+        axis where springs to the ground alone hold the balls; the other way where below zero.
 
     Raises
     ------

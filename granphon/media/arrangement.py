@@ -761,9 +761,11 @@ class CrystalMedium(Medium[Any]):
         """Return the state at a load, with the shape of the values of the load.
 
         Under a stress or a strain each value of the load is a size that multiplies the tensor of
-        the load. Gravity is an acceleration towards the face that is held. A side force acts as the
-        force of a contact that it makes in a hexagonal frame. ``finite_overlap`` and the errors are
-        those of the methods ``at_...`` of :class:`~granphon.Crystal`.
+        the load. Gravity is an acceleration along :attr:`Crystal.downward`: towards the face that
+        is held, or down the last axis, towards no face, where springs to the ground alone hold the
+        balls. A side force acts as the force of a contact that it makes in a hexagonal frame.
+        ``finite_overlap`` and the errors are those of the methods ``at_...`` of
+        :class:`~granphon.Crystal`.
         """
         crystal = self.packing.crystal
         load = given_load(load).applied
@@ -771,8 +773,11 @@ class CrystalMedium(Medium[Any]):
         options: dict[str, Any] = {"finite_overlap": finite_overlap}
         if load.gravity:  # a gravity of zero needs no face that holds the balls
             options["gravity"] = load.gravity * crystal.downward
-        if load.tensor is not None:  # (..., Voigt components) for sizes (...)
-            sizes = np.asarray(sizes)[..., None] * np.array(load.tensor)
+        if load.tensor is not None:
+            # matrices (..., p, p): components (..., 1) of one period could pass for a matrix
+            shear_factor = 0.5 if load.kind == "strain" else 1.0
+            tensor = crystal._read_tensor(load.kind, load.tensor, shear_factor)
+            sizes = np.asarray(sizes)[..., None, None] * tensor
         methods: dict[str, Callable[..., CrystalState]] = {
             "force": crystal.at_force,
             "overlap": crystal.at_overlap,

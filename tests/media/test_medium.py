@@ -529,6 +529,36 @@ def test_a_load_keeps_plain_numbers():
     assert hash(load) == hash(Load("stress", [1.0, 2.0], tensor=[-1, 0, -1], gravity=1.5))
 
 
+@pytest.mark.parametrize(
+    ("lattice", "cut", "tensor"),
+    [
+        ("chain", (), (-1.0,)),
+        ("square", ((1, 3, ("free", "free")),), (-1.0,)),
+        ("fcc", (), (-1.0, -1.0, -1.0, 0.0, 0.0, 0.0)),
+    ],
+)
+@pytest.mark.parametrize(("kind", "size"), [("stress", 10.0), ("strain", 1e-4)])
+def test_states_under_a_tensor_have_the_shape_of_the_load(steel, lattice, cut, tensor, kind, size):
+    """The components (1,) of one period are no matrix (1, 1), and as few sizes change nothing."""
+    ball = gp.Ball(steel, 8e-3)
+    packing = gp.Arrangement((("A", ball),), lattice, cut=cut)
+    for sizes in (size, [size], [[size], [2.0 * size]]):
+        load = Load(kind, sizes, tensor=tensor)
+        state = find_medium("crystal")(packing).at(load)
+        assert state.force.shape == state.shape == load.shape
+        methods = {"stress": packing.crystal.at_stress, "strain": packing.crystal.at_strain}
+        last = methods[kind](float(np.ravel(sizes)[-1]) * np.array(tensor))
+        forces = state.source.normal_force.reshape(-1, packing.crystal.n_contacts)
+        assert_allclose(forces[-1], last.normal_force, rtol=1e-12)
+
+
+def test_three_sizes_of_three_components_are_no_matrix_of_a_crystal_in_space(steel):
+    packing = gp.Arrangement((("A", gp.Ball(steel, 8e-3)),), "fcc")
+    load = Load("stress", [10.0, 10.0, 10.0], tensor=(-1.0, -1.0, -1.0))
+    with pytest.raises(InputError, match="Voigt order"):
+        find_medium("crystal")(packing).at(load)
+
+
 @pytest.mark.parametrize("name", ["ala", "simulation"])
 def test_an_index_of_no_load_is_refused(name):
     packing = gp.Packing(gp.Material(211.65e9, 0.276, 7840.0), 8e-3, gp.Uniform(2e-6))
