@@ -935,11 +935,17 @@ class TransmissionWork:
     @cached_property
     def widths(self) -> Array:
         """(k,) number of motions of each slice of the strip."""
+        from scipy.sparse import csr_array
+
         lower, upper = self.ends
-        # what the leads add to the stiffness couples all motions of an end to each other
-        pattern_of_leads = sum(abs(end.T) @ abs(end) for end in (lower, upper))
-        pattern = abs(self.operator.matrix) + pattern_of_leads
-        slices = find_slices(pattern, np.unique(lower.tocoo().col))
+        last = self.last.blocks
+        # Green's function of the last lead couples all motions of the upper end that touch the
+        # lead; those of the lower end are all in the first slice, whatever couples them
+        touches_lead = np.any(last.up, axis=1)
+        is_touched = np.any(last.down, axis=0)
+        is_coupled = np.logical_and.outer(touches_lead, is_touched) | (last.tail != 0.0)
+        pattern_of_lead = abs(upper).T @ csr_array(is_coupled) @ abs(upper)
+        slices = find_slices(abs(self.operator.matrix) + pattern_of_lead, np.unique(lower.indices))
         return np.array([len(rows) for rows in slices], float)
 
     @property

@@ -15,7 +15,8 @@ import granphon as gp
 from granphon.base.errors import InputError, PrecisionError
 from granphon.dynamics.bloch_waves import BlochWaves
 from granphon.dynamics.half_space import HalfSpace
-from granphon.waves.scattering import _require_balance
+from granphon.waves.scattering import TransmissionWork, _require_balance
+from granphon.waves.slices import find_slices
 from tests.networks.test_cuts import D, bulk, chain
 from tests.waves.test_estimates import Counter
 
@@ -581,6 +582,38 @@ def test_work_is_estimated_and_told(monkeypatch):
         for cells in (10, 20)
     ]
     assert costs[1].seconds == pytest.approx(2.0 * costs[0].seconds)
+
+
+@pytest.mark.parametrize(
+    ("lattice", "cells", "depth"), [("triangular", 8, 0.3), ("honeycomb", 4, 0.8)]
+)
+def test_the_slices_that_are_estimated_are_those_that_are_solved(
+    lattice, cells, depth, monkeypatch
+):
+    """A crack leaves one contact at some depth below the upper end, in diameters, so that the last
+    lead alone couples most of the layer above. Of a honeycomb not all balls of that layer touch it.
+    """
+    lead = bulk(lattice).repeat((cells, 1))
+    whole = lead.cut(1, 6)
+    heights = whole.positions[:, 1]
+    is_above = heights > heights.max() - depth * D
+    kept = np.flatnonzero(is_above[whole.i] == is_above[whole.j])
+    crossing = np.flatnonzero(is_above[whole.i] != is_above[whole.j])
+    kept = np.append(kept, crossing[0])
+    cracked = replace(whole, **{name: getattr(whole, name)[kept] for name in whole.contact_fields})
+    monkeypatch.setattr("granphon.waves.scattering.LARGEST_UNSYMMETRIC", {2: 0})
+    solved_widths = []
+
+    def record_slices(*arguments):
+        found = find_slices(*arguments)
+        solved_widths.extend(map(len, found))
+        return found
+
+    monkeypatch.setattr("granphon.waves.slices.find_slices", record_slices)
+    top = gp.Phonons(lead).lattice.top_frequency * lead.scales.frequency
+    gp.transmission(lead, cracked, lead, [0.2 * top], axis=1)
+    work = TransmissionWork.of(lead, cracked, lead, [0.2 * top], 1, [0.0])
+    assert work.widths.tolist() == solved_widths
 
 
 def test_leads_and_strips_too_wide_for_the_memory_are_refused(monkeypatch):
