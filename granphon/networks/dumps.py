@@ -420,6 +420,9 @@ def _split_text(lines: Lines, kind: str) -> Iterator[Frame]:
         if title == "UNITS":
             units, _own, own_words = lines.read().partition(OWN_MARK)
             options = dict(item.split("=", 1) for item in own_words.split() if "=" in item)
+            if frame is not None:
+                frame.units = units
+                frame.options = options
         elif title == "TIMESTEP":
             frame = Frame(lines.name, lines.read_count(), units=units, options=options)
             label = ""

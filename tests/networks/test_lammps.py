@@ -382,6 +382,11 @@ BAD_DUMPS = {
     ),
     "step": (spoil(), {"step": 3}, "no time step 3. It has .* alone"),
     "units": (spoil((1, r"\A", "ITEM: UNITS\ncgs\n")), {}, "in units si, and .* in units cgs"),
+    "units below the step": (
+        spoil((1, r"TIMESTEP\n\d+", r"\g<0>\nITEM: UNITS\ncgs")),
+        {},
+        "in units si, and .* in units cgs",
+    ),
     "units of lj": (
         spoil((0, r"UNITS\nsi", "UNITS\nlj")),
         {},
