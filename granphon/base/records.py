@@ -39,7 +39,8 @@ def lock_file(file: BinaryIO) -> None:
     """Lock an open ``file`` for one writer until the file is closed; without an effect on a system
     or a file system that has no such locks.
 
-    Raises :class:`~granphon.base.errors.OutputError` if another process has locked the file.
+    Raises :class:`~granphon.base.errors.OutputError` if another process, or this one by a file that
+    it has opened apart, has locked the file.
     """
     try:
         from fcntl import LOCK_EX, LOCK_NB, flock

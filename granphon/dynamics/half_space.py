@@ -1157,7 +1157,8 @@ class _EdgeBlocks(NamedTuple):
 
         left, right = make_pencil(self.inner, self.hop, w)
         schur_vectors = ordqz(left, right, choose, "complex")[5]
-        # LAPACK calls ``choose`` once; the factors that it returns have an order of their own
+        # SciPy calls ``choose`` once, and LAPACK gets the flags alone; the factors that ``ordqz``
+        # returns have an order of their own
         factors, distances = choices[0]
         return _Decay(factors, distances, np.asarray(schur_vectors[:, :size], complex))
 

@@ -234,7 +234,8 @@ class IterativeRelaxation:
     def _respond(self, mixed: Array, block: Any) -> tuple[Array, Array]:
         """Return two arrays (n_branches, m): ``mixed`` without the part of motions that stay
         behind, and of what single balls and small clusters can do alone at no cost; and the inner
-        motions that respond to this. The arguments are those of :meth:`eliminate`.
+        motions that respond to this. The first array is free of the latter motions only if those
+        that stay behind are perpendicular to them. The arguments are those of :meth:`eliminate`.
         """
         local_part = self.local_motions @ (self.local_motions.T @ mixed)
         forces = self._hold_back(np.asarray(mixed - local_part))

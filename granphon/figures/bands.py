@@ -788,8 +788,8 @@ def _limit_density(density: Array) -> float:
 
 def _set_dos_axes(ax: Axes, dos: DensityOfStates, horizontal: bool, unit: HertzPrefix) -> None:
     """Limit and label the axes of a density of states, in this ``unit`` of frequency. The axis of
-    the density ends below peaks of flat branches. If ``horizontal``, the density is to the right,
-    else upwards.
+    the density ends below the peaks of flat branches, if there are such peaks. If ``horizontal``,
+    the density is to the right, else upwards.
     """
     frequency_letter = "x"
     density_letter = "y"

@@ -236,7 +236,7 @@ def require_friction(
     from granphon.waves.nonlinear import require_slip
 
     has_slip = any(_has_slip(serving, settings, most) for media in cases for serving in media)
-    require_slip(_find_friction(settings), has_slip=has_slip)
+    require_slip(_find_friction_coefficient(settings), has_slip=has_slip)
 
 
 def _has_slip(serving: ServingMedium, settings: MotionSettings, most: float) -> bool:
@@ -552,7 +552,7 @@ def _note_narrow_peaks(is_narrow: Array, *, is_single: bool) -> str:
     return f"{lines} narrower than the step of the frequencies, and the height is not known: {mend}"
 
 
-def _find_friction(settings: MotionSettings) -> float:
+def _find_friction_coefficient(settings: MotionSettings) -> float:
     """Return the coefficient of friction of the ``settings``, infinite where none is given."""
     mu = settings.friction_coefficient
     return math.inf if mu is None else mu
@@ -573,7 +573,7 @@ def make_waves(x: Any, network: ContactNetwork, settings: MotionSettings) -> Non
     law = state.crystal if isinstance(state, CrystalState) else None
     limit_of_slip = dict[str, Any]()
     if resists_slip(network):
-        limit_of_slip["friction_coefficient"] = _find_friction(settings)
+        limit_of_slip["friction_coefficient"] = _find_friction_coefficient(settings)
         limit_of_slip["coulomb"] = settings.coulomb
     return NonlinearWaves(
         network,

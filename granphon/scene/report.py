@@ -322,9 +322,14 @@ def _read_design(source: Path) -> list[Block]:
     table = Table.read(source / "design.csv")
     names = [heading.name for heading in table.headings]
     rows = list(zip(*table.columns, strict=True))
+    # the first two columns are the variable and its unit
+    rounded_rows = tuple(
+        (label, unit_name, *(_write_cell(float(number), 0.0, 1.0) for number in numbers))
+        for label, unit_name, *numbers in rows[:MOST_STATES]
+    )
     blocks: list[Block] = [
         Text(f"The goal is {end}, from {start} at the start."),
-        Rows(tuple(names), tuple(rows[:MOST_STATES])),
+        Rows(tuple(names), rounded_rows),
     ]
     if len(rows) > MOST_STATES:
         blocks.append(Text(f"{MOST_STATES} of {len(rows)} variables; design.csv has all of them."))

@@ -18,6 +18,7 @@ from granphon.base.errors import InputError
 from granphon.cli.main import main
 from granphon.inverse.search import Problem
 from granphon.media import cost as costs
+from granphon.page.document import Rows
 from granphon.scene.report import read_report
 
 BALLS = """\
@@ -80,6 +81,15 @@ def test_the_folder_has_the_design_its_tables_and_its_figure(result):
     assert (result.folder / "design.png").is_file()
     titles = [section.title for section in read_report(result.folder)[1]]
     assert "Design" in titles
+
+
+def test_the_report_rounds_the_numbers_of_the_design(result):
+    (section,) = (part for part in read_report(result.folder)[1] if part.title == "Design")
+    (table,) = (block for block in section.blocks if isinstance(block, Rows))
+    assert table.headings == ("variable", "unit", "start", "best", "low", "high")
+    for shown, row in zip(table.rows, read_rows(result.folder / "design.csv"), strict=True):
+        label, unit, *numbers = row.values()
+        assert shown == (label, unit, *(f"{float(number):.6g}" for number in numbers))
 
 
 def test_the_figure_has_the_history_and_the_bands_at_both_ends(result):
