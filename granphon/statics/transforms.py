@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 Values = NDArray[Any]
 #: products of two numbers, at most, by which matrices transform a field: the cells times the sum of
-#: the lengths of the grid, 28 cells along either axis of a plane. A fast transform of fewer takes
+#: the lengths of the grid, 29 cells along either axis of a plane. A fast transform of fewer takes
 #: longer, as most of its time passes before it begins
 _MOST_PRODUCTS = 50_000
 
