@@ -302,15 +302,13 @@ def relax_balls_after(
     stiffness: Values,
     inverses: Values,
     forces: Values,
-    change: Values,
     motions: Values,
     residual: Values,
 ) -> None:
-    """Add to ``motions`` the ``change`` (f, cells), and then those of each ball under the forces
-    that are left of ``forces`` while its neighbours are held; see :func:`relax_balls`. The forces
-    left before these last motions become the ``residual``.
+    """Add to ``motions`` those of each ball under the forces that are left of ``forces`` while its
+    neighbours are held; see :func:`relax_balls`. The forces left before these motions become the
+    ``residual``.
     """
-    motions += change
     find_residual(runs, stiffness, forces, motions, residual)
     _add_block_products(inverses, residual, motions)
 

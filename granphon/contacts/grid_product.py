@@ -174,15 +174,13 @@ def relax_balls_after(
     product: GridProduct,
     inverses: Values,
     forces: Values,
-    change: Values,
     motions: Values,
     residual: Values,
 ) -> None:
-    """Add to ``motions`` the ``change``, and then those of each ball under the forces that are left
-    of ``forces`` while its neighbours are held; see :func:`relax_balls`. The forces left before
-    these last motions become the ``residual``.
+    """Add to ``motions`` those of each ball under the forces that are left of ``forces`` while its
+    neighbours are held; see :func:`relax_balls`. The forces left before these motions become the
+    ``residual``.
     """
-    motions += change
     find_residual(product, forces, motions, residual)
     add_block_products(inverses, residual, motions)
 

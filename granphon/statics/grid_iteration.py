@@ -283,8 +283,8 @@ class TangentIteration(GridIteration):
         motions = np.empty_like(single)
         remaining = np.empty_like(single)
         relax_balls(self._coarse, self._alone, single, motions, remaining)
-        change = self._apply_green(remaining)
-        relax_balls_after(self._coarse, self._alone, single, change, motions, remaining)
+        motions += self._apply_green(remaining)
+        relax_balls_after(self._coarse, self._alone, single, motions, remaining)
         return motions
 
     def _apply_green(self, forces: Values) -> Values:

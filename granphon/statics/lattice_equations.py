@@ -89,10 +89,8 @@ class LatticeEquations:
             motion = np.empty_like(pull)
             remaining = np.empty_like(pull)
             grid_loops.relax_balls(runs, single, inverse_blocks, pull, motion, remaining)
-            change = green.apply(remaining, softness)
-            grid_loops.relax_balls_after(
-                runs, single, inverse_blocks, pull, change, motion, remaining
-            )
+            motion += green.apply(remaining, softness)
+            grid_loops.relax_balls_after(runs, single, inverse_blocks, pull, motion, remaining)
             return motion
 
         return apply
