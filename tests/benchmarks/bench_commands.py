@@ -1,7 +1,8 @@
 """Short commands: what the search for reference cycles costs, what pages cost that rslab gives back
-to the system, what threads cost that share small factors, and what README's beads cost.
+to the system, what threads cost that share small factors, what Fourier transforms on short grids
+cost, and what README's beads cost.
 
-    python tests/benchmarks --only commands pages threads beads
+    python tests/benchmarks --only commands pages threads transforms beads
 
 A command looks for reference cycles after more new objects than Python does by itself, and lets
 rslab keep the pages that it frees (``granphon/__main__.py``). The same run is timed with these
@@ -16,6 +17,7 @@ change with granphon: one factorisation by SuperLU of the tangent of as many bal
 from __future__ import annotations
 
 import gc
+import math
 import os
 import statistics
 import subprocess
@@ -24,6 +26,7 @@ import tempfile
 import time
 from pathlib import Path
 
+import numpy as np
 from bench_statics import ETA, draw, factorise_list
 from side_by_side import Part, Row, alternate, over
 
@@ -33,6 +36,7 @@ from granphon.array.options import ReducedLoad
 from granphon.array.rest import bring_to_rest
 from granphon.contacts.tangent import find_tangent, unit_strains
 from granphon.dynamics.factors import Elimination
+from granphon.statics.transforms import FastTransform, find_transform
 
 #: the run of a process: the folder, and the threshold, are its arguments
 RUN = """\
@@ -125,6 +129,27 @@ def threads(repeats: int) -> list[Row]:
     return [over(what, seconds, "one", "chosen", 1.0)]
 
 
+def transforms(repeats: int) -> list[Row]:
+    """Transforms as they are chosen for motions on short grids, and back, over fast ones."""
+    return [_time_transforms(shape, repeats) for shape in ((24, 24), (28, 28), (8, 8, 8))]
+
+
+def _time_transforms(shape: tuple[int, ...], repeats: int) -> Row:
+    """The time of chosen transforms of motions on a grid of the ``shape``, over fast ones."""
+    motions = np.ones((len(shape), math.prod(shape)), np.float32)
+    chosen = find_transform(shape, motions.dtype)
+    fast = FastTransform(shape, 1)
+    seconds = alternate(
+        repeats,
+        time.process_time,
+        chosen=lambda: [chosen.find_fields(chosen.find_waves(motions)) for _ in range(1000)],
+        fast=lambda: [fast.find_fields(fast.find_waves(motions)) for _ in range(1000)],
+    )
+    balls = "x".join(map(str, shape))
+    what = f"1000 transforms of the motions of {balls} balls, and back, by matrices: over fast ones"
+    return over(what, seconds, "chosen", "fast", 1.0)
+
+
 def beads(repeats: int) -> list[Row]:
     """README's beads after the first run of a process, figure and files included."""
     stencils, deviations = draw("triangular", 64)
@@ -141,4 +166,10 @@ def beads(repeats: int) -> list[Row]:
     return [over(what, seconds, "beads", "unit", _MOST_OF_BEADS)]
 
 
-PARTS: dict[str, Part] = {"commands": commands, "pages": pages, "threads": threads, "beads": beads}
+PARTS: dict[str, Part] = {
+    "commands": commands,
+    "pages": pages,
+    "threads": threads,
+    "transforms": transforms,
+    "beads": beads,
+}
