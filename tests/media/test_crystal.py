@@ -323,7 +323,7 @@ def test_all_velocities_have_the_local_exponent(lattice, law, friction):
 @pytest.mark.parametrize("law", [gp.JKR(0.01), WidePower(1.0, 1e9), WidePower(2.0, 1e9)])
 def test_no_exponent_is_given_where_shear_and_normal_stiffness_grow_differently(law):
     states = gp.Crystal.on("triangular", [PLAIN], law=law).at_pressure([0.1, 0.3, 1.0])
-    with pytest.raises(InputError, match="of the normal stiffness, and .* of the shear"):
+    with pytest.raises(InputError, match=r"of the normal stiffness, and .* of the shear"):
         gp.local_exponent(states)
 
 
