@@ -480,8 +480,8 @@ class LoadStep:
         self, trial: Trial, guess: Array | None, around: tuple[Index, ...], arms: Array
     ) -> Array:
         """Return the angles (balls,) by which the loose balls of a ``trial`` turn, each to where
-        its torque vanishes while all other balls are held; zero for a ball that touches a loose
-        ball with a greater torque.
+        its torque vanishes while all other balls are held; zero for a ball that shares a contact,
+        closed or open, with a loose ball with a greater torque.
 
         ``around`` and ``arms`` are those of :meth:`_list_around` of the loose balls, and ``guess``
         is that of :meth:`_turn_loose`.
@@ -504,11 +504,13 @@ class LoadStep:
         self, around: tuple[Index, ...], arms: Array, torques: Array
     ) -> Flags:
         """Return (balls,) whether the torque on each loose ball is at least that on every loose
-        ball that it touches; ``torques`` (balls,) are the magnitudes.
+        ball at the other ends of its contacts, open contacts included; ``torques`` (balls,) are the
+        magnitudes.
 
-        Only such balls turn, as each turn changes the torques on the balls that it touches.
-        ``around`` and ``arms`` are those of :meth:`_list_around`; an arm of zero is that of a
-        contact of another ball.
+        Only such balls turn, as each turn changes the torques on the balls that it touches; where a
+        contact is open a ball may wait for one that it does not touch. ``around`` and ``arms`` are
+        those of :meth:`_list_around`; an arm of zero is that of a contact that has no end at the
+        ball.
         """
         shape = (self._stencils.n_contacts, *self._stencils.shape)
         contacts = np.ravel_multi_index(around, shape)
@@ -535,8 +537,8 @@ class LoadStep:
         their arms: the slips by a unit turn of the ball, its motion number ``turning``.
 
         The contacts are a tuple of indices (contacts, balls) into arrays (n_c, L1, ..., Lp), and
-        the arms are (contacts, balls). Both ends of all kinds of contacts are listed for each ball:
-        arms are zero for ends at other balls of the cell.
+        the arms are (contacts, balls). Both ends of all kinds of contacts are listed for each ball,
+        open ones too: arms are zero for ends at other balls of the cell.
         """
         stencils = self._stencils
         count = stencils.motions.count

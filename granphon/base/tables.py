@@ -272,7 +272,8 @@ class Table:
 
     def list_errors(self) -> dict[str, NDArray[np.float64]]:
         """Return the columns (rows,) of standard errors, "peak_error (Hz)" or "total_error_per_Hz",
-        by the names of what they are the errors of, "peak" and "total"; nan is taken.
+        by the names of what they are the errors of, "peak" and "total"; nan is taken. Of columns
+        "peak_error" and "peak_error_per_Hz" in one table the later one is returned.
 
         Raises :class:`~granphon.base.errors.InputError` as :meth:`numbers` does.
         """

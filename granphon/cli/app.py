@@ -36,11 +36,26 @@ Exit codes:
 
 class _Grouped:
     """Help in groups, as plain text: commands and options stand under the ``rich_help_panel`` that
-    they name.
+    they name. Errors of usage know the command at fault.
 
     Typer itself has groups only in the boxes that rich draws, which a screen reader and a file do
     not need, and rich would be loaded for every help.
     """
+
+    def parse_args(self: Any, ctx: Any, args: list[str]) -> list[str]:
+        """Return what is left of the words ``args`` behind the command in ``ctx``, as the method of
+        click's own commands does.
+
+        An error of usage without a context, as that of an option that lacks its value, takes
+        ``ctx``.
+        """
+        try:
+            parsed: list[str] = super().parse_args(ctx, args)  # type: ignore[misc]
+        except Exception as error:
+            if getattr(error, "ctx", ctx) is None:
+                error.ctx = ctx  # type: ignore[attr-defined]
+            raise
+        return parsed
 
     def format_options(self: Any, ctx: Any, formatter: Any) -> None:
         """Write into the ``formatter`` the arguments, the options without a group, and then the

@@ -175,7 +175,9 @@ class ContactLaws:
         return self.force(overlap), self.stiffness(overlap)
 
     def stiffness_slope(self, overlap: Array) -> Array:
-        """Return the slope of the stiffness of each contact, N/m^2, at overlaps (n_c,), m."""
+        """Return the slope of the stiffness of each contact, N/m^2, at overlaps (n_c,), m.
+        By Hertz's law it is zero at an overlap of zero, where the slope is infinite.
+        """
         return self._evaluate(overlap, SLOPE)
 
     def energy(self, overlap: Array) -> Array:

@@ -479,8 +479,12 @@ def bound_lowest(matrices: NDArray[Any]) -> NDArray[np.float64]:
 
 
 def invert_hermitian(matrices: NDArray[Any]) -> NDArray[Any]:
-    """Return the inverses of Hermitian ``matrices`` (..., n, n), n above zero; where one is
-    singular, its pseudoinverse, which is zero on the null space.
+    """Return the inverses of Hermitian ``matrices`` (..., n, n), n above zero, in their own
+    precision; where one is singular, its pseudoinverse, which is zero on the null space.
+
+    A matrix is singular if its largest element times that of its inverse is above 1/1e-14, and the
+    null space has the eigenvalues of up to 1e-14 of the largest. The tolerance is that of double
+    precision.
     """
     try:
         inverse = np.linalg.inv(matrices)

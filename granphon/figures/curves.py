@@ -871,12 +871,13 @@ def _make_shades(name: str, count: int) -> list[Any]:
 
 
 def plot_exponent(dataset: Dataset, ax: Axes, x: str | None = None) -> Axes:
-    """Draw the local exponent d log v_L / d log P of a sweep, with that of the ideal lattice, 1/6,
-    and the popular 1/4.
+    """Draw the local exponent d log v_L / d log P of a sweep, with lines at 1/6, the exponent of
+    equal balls by Hertz's law, and at the popular 1/4.
 
-    The exponent of v_T is the same, except in a simulation. The points of a simulation of several
-    samples have bars of their standard errors. There is no legend. ``x``, and what is raised, are
-    those of :func:`plot_sweep`. See :func:`granphon.local_exponent`.
+    The exponent of v_T is the same, except in a simulation. A crystal whose velocities have no
+    exponent in common, as by JKR's law with friction, has no curve. The points of a simulation of
+    several samples have bars of their standard errors. There is no legend. ``x``, and what is
+    raised, are those of :func:`plot_sweep`. See :func:`granphon.local_exponent`.
     """
     plot_sweep(dataset, ax, "exponent", x, legend=False)
     # an exponent is a slope of logarithms already, and may be zero or below

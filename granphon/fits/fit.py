@@ -895,7 +895,10 @@ class WidthFit(Fitted):
 
     @property
     def std(self) -> float:
-        """Standard deviation of the fitted distribution of diameters, W/sqrt(12), m."""
+        """Standard deviation of the fitted distribution of diameters, W/sqrt(12), m. Of a normal
+        distribution it is that of the diameters within the cutoff, which is below the ``std`` of
+        :class:`granphon.Normal`.
+        """
         return self.width / math.sqrt(12.0)
 
     @property

@@ -425,18 +425,19 @@ class VelocityModel:
 
     def _make_packing(self, logs: Array) -> Packing:
         """Return the packing whose parameters have these logarithms (p,); its spread has the same
-        shape to the last bit at every width.
+        shape to the last bit at every width. A parameter beyond all floats, 0 or inf, is refused:
+        a width by its spread, others by the packing.
         """
-        # a parameter beyond all floats is refused by the packing
         with np.errstate(over="ignore", under="ignore"):
             values: dict[str, Any] = dict(zip(self.names, np.exp(logs).tolist(), strict=True))
-        width = values.pop("width", self.packing.width)
-        if width:
-            values["spread"] = self._widen(width)
+        if "width" in values:
+            values["spread"] = self._widen(values.pop("width"))
+        elif self.packing.width:
+            values["spread"] = self._widen(self.packing.width)
         return change_packing(self.packing, values)
 
     def _widen(self, width: float) -> _WidenedSpread:
-        """Return the spread of the packing at another width, m."""
+        """Return the spread of the packing at another width, m; InputError for 0 and inf."""
         return _WidenedSpread(positive("width", width, "m"), self.packing.spread or Uniform(0.0))
 
     def _find_state(self, packing: Packing) -> tuple[ContactState, Array]:

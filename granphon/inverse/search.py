@@ -126,8 +126,8 @@ def _read_goal(answer: Any) -> tuple[Array, Mapping[str, Any]]:
     """Return the value of a goal, a number or (m,), and its derivatives by name from the ``answer``
     that the goal gives.
 
-    A user's own goal may give anything: InputError unless the answer is a pair, of finite numbers
-    and of a mapping of known names.
+    A user's own goal may give anything: InputError unless the answer is a pair, of a finite number
+    or finite numbers (m,) and of a mapping of known names.
     """
     is_pair = isinstance(answer, Sequence) and len(answer) == 2 and isinstance(answer[1], Mapping)
     if not is_pair:
@@ -136,7 +136,13 @@ def _read_goal(answer: Any) -> tuple[Array, Mapping[str, Any]]:
     value, slopes = answer
     for name in slopes:
         one_of("the derivatives of the goal", name, _DERIVATIVES)
-    return finite_array("the value of the goal", value), slopes
+    values = finite_array("the value of the goal", value)
+    if np.ndim(values) > 1:
+        raise InputError(
+            f"the value of the goal has the shape {np.shape(values)}",
+            mend="Return one number, or a list of numbers",
+        )
+    return values, slopes
 
 
 def _require_one_number(value: Array) -> float:

@@ -720,8 +720,8 @@ class LoadedCrystal(NetworkState):
 
     @property
     def exponent(self) -> Any:
-        """The exponent of sound velocities, see :attr:`CrystalState.exponent`; None where contacts
-        do not have one in common.
+        """The exponent of sound velocities, see :attr:`CrystalState.exponent`; None where
+        velocities do not have one in common.
         """
         try:
             return self.source.exponent
@@ -730,8 +730,8 @@ class LoadedCrystal(NetworkState):
 
     @property
     def exponent_error(self) -> Any:
-        """Standard error of the exponent: zero, as the exponent is exact; None where contacts have
-        no exponent in common.
+        """Standard error of the exponent: zero, as the exponent is exact; None where velocities
+        have no exponent in common.
         """
         return None if self.exponent is None else np.zeros(self.shape)[()]
 

@@ -125,6 +125,12 @@ _PRESSURE_UNITS = ("N", "N", "N/m", "Pa")
 _ROUNDING = 1e-12
 #: difference of the exponents of contacts that is put down to rounding
 _EXPONENT_ROUNDING = 1e-9
+#: step of the overlap by which a shear stiffness is differentiated, over the length on which the
+#: normal force and its stiffness change: an exponent is found to 1e-9
+_SLOPE_STEP = 1e-4
+#: difference of the exponents of the shear and the normal stiffness of a contact up to which they
+#: count as one: to six digits the exponent of every velocity is then the same
+_MOST_EXPONENT_DIFFERENCE = 1e-6
 #: difference of the ratios of shear to normal stiffness of contacts that is put down to rounding
 _RATIO_ROUNDING = 1e-12
 
@@ -2130,9 +2136,13 @@ class CrystalState(Result):
         grow by one factor; terms of relative order delta/d are left out.
 
         The exponent of a contact is f k'/2k^2, with the slope k' of the stiffness of its law:
-        (a - 1)/2a where f goes as delta^a. Raises :class:`~granphon.base.errors.InputError` if
-        contacts do not have one exponent in common, as the velocities then follow no power, and if
-        no contact is closed.
+        (a - 1)/2a where f goes as delta^a. All velocities have it where the shear stiffness is in
+        proportion to the normal stiffness, as by Hertz's law, powers, tables and DMT, and where
+        contacts do not resist slip. By JKR's law with friction each velocity has an exponent of its
+        own, as the shear stiffness follows the radius of the contact.
+
+        Raises :class:`~granphon.base.errors.InputError` if contacts do not have one exponent in
+        common, if shear and normal stiffness do not, and if no contact is closed.
         """
         exponents = np.empty(self.shape)
         for index in np.ndindex(self.shape):
@@ -2156,7 +2166,44 @@ class CrystalState(Result):
                     "Compare the velocities at two loads",
                 )
             exponents[index] = np.mean(contact_exponents)
+            self._require_common_growth(index, float(exponents[index]))
         return exponents[()]
+
+    def _require_common_growth(self, index: tuple[int, ...], exponent: float) -> None:
+        """Raise InputError if contacts resist slip and the exponent of their shear stiffness at the
+        load ``index``, f kappa'/(2 k kappa), is not the ``exponent`` of their normal stiffness.
+
+        The slope kappa' of the stiffness is a central difference over the overlap.
+        """
+        crystal = self.crystal
+        laws = crystal._laws
+        has_slip = crystal.friction and crystal.ball_motions.count > 1  # on a line nothing slips
+        force = self.normal_force[index]
+        shear_stiffness = self.shear_stiffness[index]
+        is_growing = (shear_stiffness > 0.0) & (force != 0.0)
+        if not (has_slip and laws.has_radii and np.any(is_growing)):
+            return
+        overlap = self.overlap[index]
+        k = self.normal_stiffness[index]
+        slope = laws.stiffness_slope(overlap)
+        steps = np.zeros(overlap.shape)
+        growing_k = k[is_growing]
+        rates = np.abs(slope[is_growing] / growing_k) + np.abs(growing_k / force[is_growing])
+        steps[is_growing] = _SLOPE_STEP / rates
+        above = laws.punch(overlap + steps)[is_growing]
+        below = laws.punch(overlap - steps)[is_growing]
+        growth = (above - below) / (2.0 * steps[is_growing] * laws.punch(overlap)[is_growing])
+        shear_exponents = 0.5 * force[is_growing] / growing_k * growth
+        differences = np.abs(shear_exponents - exponent)
+        if np.max(differences) > _MOST_EXPONENT_DIFFERENCE:
+            shear_exponent = shear_exponents[np.argmax(differences)]
+            raise InputError(
+                f"the exponents of contacts differ: {exponent:.6g} of the normal stiffness, and"
+                f" {shear_exponent:.6g} of the shear stiffness",
+                "The shear stiffness follows the radius of the contact, and the velocities have no"
+                " exponent in common",
+                "Compare the velocities at two loads",
+            )
 
     @property
     def scales(self) -> Units:

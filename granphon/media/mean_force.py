@@ -186,6 +186,8 @@ class MeanContacts(NamedTuple):
     def power(self) -> float:
         """Exponent with which overlaps grow with the pressure: the mean force over the mean of
         stiffness times overlap. It is 1/a for a force that goes as the power a of the overlap.
+        Where contacts adhere it may be below zero, and of any size where one of the means is nearly
+        zero.
         """
         work = np.mean((self.stiffness * self.overlap)[self.is_counted])
         return float(np.mean(self.force[self.is_counted]) / work)

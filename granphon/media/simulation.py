@@ -138,13 +138,14 @@ class SampleLaw(EnergyLaw):
 
     @property
     def least_overlap(self) -> float:
-        """Overlap up to which all balls are apart while they are on the sites of the lattice, m; a
-        number below zero.
+        """Overlap up to which all balls are apart while they are on the sites of the lattice, m; at
+        most zero, which it is where all balls drawn are alike.
         """
         simulation = self.simulation
         samples = range(simulation.samples)
         largest_deviation = max(float(np.max(simulation.deviations(index))) for index in samples)
-        return -largest_deviation * simulation.packing.width_units.width
+        # a difference, as minus a deviation of zero would be -0.0
+        return 0.0 - largest_deviation * simulation.packing.width_units.width
 
     def _average_at(self, overlap: ArrayLike, quantity: Callable[[Sample], float]) -> Any:
         """Return the mean over samples of a ``quantity``, a number of each sample, at each

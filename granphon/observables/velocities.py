@@ -51,7 +51,8 @@ def local_exponent(state: ContactState) -> Any:
     normal stiffness k, and the pressure P as the contact force f. The exponent is f k'/2k^2, with
     the slope k' = dk/d(delta) of the medium's law; 1/6 for equal balls. With listed diameters k has
     a kink, and the exponent a spike, where the contacts between two of the diameters open. The
-    exponent of a crystal is f k'/2k^2 of its contacts, (a - 1)/2a where f goes as delta^a.
+    exponent of a crystal is f k'/2k^2 of its contacts, (a - 1)/2a where f goes as delta^a; by JKR's
+    law with friction it has none, as shear and normal stiffness do not grow alike.
 
     The moduli of a simulation are not all proportional to k. Its exponent is that of the
     longitudinal velocity, which follows from the mean K + G of the samples (K + 4G/3 in space): the
@@ -65,7 +66,8 @@ def local_exponent(state: ContactState) -> Any:
 
     Raises :class:`~granphon.base.errors.ConvergenceError` if a simulation beside the load fails,
     and :class:`~granphon.base.errors.InputError` for a network, whose law is not known, for what is
-    no state, and for a crystal whose contacts have different exponents or are all open.
+    no state, and for a crystal whose contacts, or whose shear and normal stiffness, have different
+    exponents, or whose contacts are all open.
     """
     exponent = getattr(state, "exponent", None)
     return given_state(state).exponent if exponent is None else exponent

@@ -589,8 +589,9 @@ class PreparedMotion:
     """A motion that is ready to run: the balls of a state, sample or network, and the drives that
     move them.
 
-    Raises :class:`~granphon.base.errors.InputError` for settings that are known to be wrong before
-    anything moves.
+    Raises :class:`~granphon.base.errors.InputError` for drives that
+    :meth:`granphon.NonlinearWaves.run` refuses, for an impact on a body that is held or displaced,
+    and for steps too long for a drive.
 
     Attributes
     ----------
@@ -603,7 +604,7 @@ class PreparedMotion:
     def __init__(self, x: Any, settings: MotionSettings) -> None:
         """Prepare the motion of the network of ``x``, repeated and cut as the ``settings`` say."""
         # imported here: other tasks do not need nonlinear waves
-        from granphon.waves.nonlinear import Drive
+        from granphon.waves.nonlinear import Drive, require_drives
 
         network = settings.shape(given_network(x))
         self.settings = settings
@@ -626,6 +627,7 @@ class PreparedMotion:
             else:
                 self.velocities[balls] += drive.impact * direction
         self._require_free(network)
+        require_drives(self.waves, self.drives)
         self._require_step()
 
     def _require_free(self, network: ContactNetwork) -> None:

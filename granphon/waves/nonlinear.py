@@ -1029,6 +1029,13 @@ def _read_drives(
     return moved_bodies, pushed_balls
 
 
+def require_drives(waves: NonlinearWaves, drives: Sequence[Drive]) -> None:
+    """Raise :class:`~granphon.base.errors.InputError` for drives that :meth:`NonlinearWaves.run` of
+    these ``waves`` refuses. The functions of the drives are called for the time zero.
+    """
+    _System(waves, drives).evaluate_start()
+
+
 def _read_drive(drive: Any, network: ContactNetwork) -> tuple[Index, Array]:
     """Return the bodies (k,) and the direction (3,), of length one, of a ``drive``.
 
@@ -1474,8 +1481,7 @@ class _System:
         are set.
 
         Contacts come from rest to the start as :meth:`MovingContacts.begin` says. Raises
-        :class:`~granphon.base.errors.InputError` for a drive whose displacement is not zero at the
-        time zero, or that is not finite then.
+        the :class:`~granphon.base.errors.InputError` of :meth:`evaluate_start`.
         """
         # first, as what contacts set in a step depends on the scheme
         self._is_explicit = scheme == "verlet"
@@ -1487,11 +1493,7 @@ class _System:
         self.v = v.copy()
         self.step = step
         self.widest = 0.0
-        self.strokes, self.drive_forces = self._evaluate_drives(0.0)
-        if np.any(self.strokes):
-            raise InputError(
-                "a displacement does not begin at zero", mend="Give a function that is zero at zero"
-            )
+        self.strokes, self.drive_forces = self.evaluate_start()
         contacts = self.contacts
         rest_moment = contacts.make_moment()
         contacts.press(rest_moment, None)
@@ -1831,6 +1833,19 @@ class _System:
             end = self.strokes  # those of the present time
             n_steps = 1
         return (end - start) / (n_steps * self.step)
+
+    def evaluate_start(self) -> tuple[Array, Array]:
+        """Return the displacements, m, and the forces, N, of all drives at the time zero.
+
+        Raises :class:`~granphon.base.errors.InputError` for a drive whose displacement is not zero
+        then, or that is not finite.
+        """
+        strokes, drive_forces = self._evaluate_drives(0.0)
+        if np.any(strokes):
+            raise InputError(
+                "a displacement does not begin at zero", mend="Give a function that is zero at zero"
+            )
+        return strokes, drive_forces
 
     def _evaluate_drives(self, time: float) -> tuple[Array, Array]:
         """Return the displacements, m, and the forces, N, of all drives at a ``time``, s.

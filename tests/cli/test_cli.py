@@ -418,6 +418,7 @@ def test_help_has_examples(capsys, verb):
         (["run", "scene.yaml", "-o", "--"], "'--'"),
         (["run", "scene.yaml", "-o", "---"], "'---'"),
         (["run"], "Missing argument 'SCENE'"),
+        (["run", "scene.yaml", "--out"], "See 'granphon run --help'."),
         (["mode", "s.yaml", "--at", "K", "-o", "m.png", "--branch", "-1"], "'--branch'"),
         (["run", "scene.yaml", "-o", "out", "--forse"], "No such option"),
         (["check", "a", "b"], "unexpected extra argument"),

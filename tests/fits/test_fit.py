@@ -208,6 +208,17 @@ def test_derivatives_are_those_of_the_velocities(medium, frequency, finite, rtol
     require_derivatives(model, model.find_start(WIDTH), 1e-4, rtol, 1e-8)
 
 
+@pytest.mark.parametrize(
+    ("name", "log"),
+    [("width", -800.0), ("width", 800.0), ("diameter", -800.0), ("diameter", 800.0)],
+)
+def test_a_parameter_beyond_all_floats_is_refused(name, log):
+    waves = Waves("longitudinal", np.array([0.0, 1.0]), None, False)
+    model = VelocityModel(TRUE, (name,), MediumChoice("ema"), FORCE[:2], waves)
+    with pytest.raises(InputError, match=name):
+        model(np.array([log]))
+
+
 # -- noisy data ------------------------------------------------------------------------------------
 
 

@@ -231,6 +231,7 @@ class Fixed:
         ("the goal returns", {"goal": Fixed(1.0)}),
         ("nan", {"goal": Fixed((math.nan, {"mass": [1.0, 1.0]}))}),
         ("one number", {"goal": Fixed(([1.0, 2.0], {"mass": [1.0, 1.0]}))}),
+        ("the shape", {"goal": Fixed((np.eye(2), {"mass": [1.0, 1.0]}))}),
         ("by mass", {"goal": Fixed((1.0, {"mass": [1.0, math.nan]}))}),
         ("by mass", {"goal": Fixed((1.0, {"mass": [1.0] * 3}))}),
         ("Did you mean 'mass'", {"goal": Fixed((1.0, {"masses": [1.0, 1.0]}))}),

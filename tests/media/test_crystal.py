@@ -293,6 +293,40 @@ def test_contacts_of_several_powers_have_no_single_exponent():
         gp.local_exponent(state)
 
 
+class WidePower(gp.PowerLaw):
+    """A power law of contacts whose radius goes as the root of the overlap."""
+
+    def contact_radius(self, overlap):
+        return 0.01 * np.sqrt(np.maximum(overlap, 0.0))
+
+
+@pytest.mark.parametrize(
+    ("lattice", "law", "friction"),
+    [
+        ("triangular", gp.DMT(0.01), True),
+        ("triangular", gp.JKR(0.01), False),
+        ("chain", gp.JKR(0.01), True),
+        ("triangular", WidePower(1.5, 1e9), True),
+    ],
+)
+def test_all_velocities_have_the_local_exponent(lattice, law, friction):
+    crystal = gp.Crystal.on(lattice, [PLAIN], law=law, friction=friction)
+    step = 1e-4
+    states = crystal.at_pressure(0.3 * np.exp(step * np.array([-1.0, 0.0, 1.0])))
+    exponent = gp.local_exponent(states)[1]
+    velocities = gp.sound_velocities(states, [1.0, 0.5][: crystal.dimension])
+    for name in ("longitudinal", "transverse")[: crystal.dimension]:
+        below, _, above = getattr(velocities, name)
+        assert_allclose(np.log(above / below) / (2.0 * step), exponent, rtol=1e-6)
+
+
+@pytest.mark.parametrize("law", [gp.JKR(0.01), WidePower(1.0, 1e9), WidePower(2.0, 1e9)])
+def test_no_exponent_is_given_where_shear_and_normal_stiffness_grow_differently(law):
+    states = gp.Crystal.on("triangular", [PLAIN], law=law).at_pressure([0.1, 0.3, 1.0])
+    with pytest.raises(InputError, match=r"of the normal stiffness, and .* of the shear"):
+        gp.local_exponent(states)
+
+
 @pytest.mark.parametrize("law", [pytest.param(gp.JKR(0.05), marks=pytest.mark.slow), gp.DMT(0.05)])
 def test_balls_that_adhere_need_no_load(law):
     gel = gp.Ball(gp.Material(1e6, 0.49, 1100.0), 2e-3)

@@ -303,6 +303,12 @@ def test_law_is_that_of_the_samples(medium):
     assert law.least_overlap == pytest.approx(-(largest - D), rel=1e-9)
 
 
+def test_balls_that_are_drawn_alike_are_apart_up_to_an_overlap_of_zero(steel):
+    nearly_all = gp.Discrete((D, D + 1e-6), (1.0 - 1e-9, 1e-9))
+    alike = simulate(gp.Packing(steel, D, nearly_all), (4, 4))
+    assert f"{SampleLaw(alike).least_overlap:g}" == "0"
+
+
 # -- statistics ------------------------------------------------------------------------------------
 
 

@@ -1560,6 +1560,41 @@ MISTAKES: dict[str, tuple[str, ...]] = {
         "impact",
         "displaced",
     ),
+    "a ball shaken twice": (
+        drive(f"[{', '.join(2 * ['{balls: 2, shaker: {amplitude: 1 um, frequency: 1 kHz}}'])}]"),
+        "8: motion.drive",
+        "two drives",
+        "one drive",
+    ),
+    "a force on a shaken ball": (
+        drive(
+            "[{balls: 2, shaker: {amplitude: 1 um, frequency: 1 kHz}},"
+            " {balls: 2, force: {time: [0 us, 20 us, 40 us], force: [0 N, 1 N, 0 N]}}]"
+        ),
+        "8: motion.drive",
+        "two drives",
+        "one drive",
+    ),
+    "a displacement that begins with a jump": (
+        drive("{balls: 2, displacement: {time: [0 us, 40 us], displacement: [1 um, 0 um]}}"),
+        "8: motion.drive",
+        "does not begin at zero",
+        "zero at zero",
+    ),
+    "a displacement of all balls": (
+        drive(
+            f"{{balls: {' '.join(map(str, range(21)))}, shaker: {{amplitude: 1 um, frequency: 1 kHz}}}}"
+        ),
+        "8: motion.drive",
+        "no ball that moves",
+        "network",
+    ),
+    "a force on the floor": (
+        drive("{balls: lower, force: {time: [0 us, 20 us, 40 us], force: [0 N, 1 N, 0 N]}}"),
+        "8: motion.drive",
+        "held",
+        "displacement",
+    ),
     "a drive out of the plane": (
         drive("{balls: 2, impact: 1 m/s, direction: 0 0 1}"),
         "8: motion.drive",
@@ -2019,12 +2054,6 @@ MISTAKES: dict[str, tuple[str, ...]] = {
 }
 #: those that a run finds
 LATE: dict[str, tuple[str, ...]] = {
-    "a force on the floor": (
-        drive("{balls: lower, force: {time: [0 s, 1 us], force: [0 N, 1 N]}}"),
-        "5: motion",
-        "force",
-        "held",
-    ),
     "a step that is not stable": (
         edit("frames: 21", "frames: 2\n  step: 20 us", MOTION),
         "5: motion",
