@@ -171,14 +171,15 @@ class PowerLaw(EnergyLaw):
 
     def _evaluate(self, overlap: ArrayLike, order: int) -> Any:
         """Return the energy, J, or its derivative of an ``order`` of 1 to 3, J/m^order, at each
-        ``overlap``, m: powers of the overlap.
+        ``overlap``, m, unchecked: a power of the overlap, and zero where the overlap is not above
+        zero.
         """
         delta = np.asarray(real_array("overlap", overlap))
         a = self.exponent
         factors = (1.0 / (a + 1.0), 1.0, a, a * (a - 1.0))  # of the energy and its derivatives
         factor = factors[order] * self.coefficient
         powers = np.zeros(delta.shape)
-        # a factor of zero has a power below zero, which may be beyond double precision
+        # the slope for a = 1 has the factor zero: delta^-1, which may overflow, is left out
         is_computed = (delta > 0.0) & (factor > 0.0)
         np.power(delta, a + 1.0 - order, out=powers, where=is_computed)
         return (factor * powers)[()]
@@ -262,7 +263,7 @@ class DMTLaw(EnergyLaw):
 
     def _evaluate(self, overlap: ArrayLike, order: int) -> Any:
         """Return the energy, J, or its derivative of an ``order`` of 1 to 3, J/m^order, at each
-        ``overlap``, m: those of Hertz's law less the tension.
+        ``overlap``, m, unchecked: those of Hertz's law less those of the tension.
         """
         elastic = self.hertz._evaluate(overlap, order)
         if order > FORCE:
@@ -393,7 +394,7 @@ class JKRLaw(EnergyLaw):
 
     def _evaluate(self, overlap: ArrayLike, order: int) -> Any:
         """Return the energy, J, or its derivative of an ``order`` of 1 to 3, J/m^order, at each
-        ``overlap``, m: functions of u and u^3.
+        ``overlap``, m, unchecked: functions of u and u^3, and zero where the contact is broken.
         """
         u, is_unbroken = self._solve(np.asarray(real_array("overlap", overlap)))
         cube = u**3
@@ -434,9 +435,9 @@ class TabulatedLaw(EnergyLaw):
     """A law that is given by a table of overlaps and forces, for all pairs.
 
     The logarithm of the force is a monotone cubic function of the logarithm of the overlap (scipy's
-    ``PchipInterpolator``). So a table of a power law gives this law at all overlaps. Below the
-    first point and above the last it goes on as a power; below, of an exponent of 1 or above, so
-    that contacts are not infinitely stiff where balls begin to touch.
+    ``PchipInterpolator``). So a table of a power law with an exponent of 1 or above gives this law
+    at all overlaps. Below the first point and above the last it goes on as a power; below, of an
+    exponent of 1 or above, so that contacts are not infinitely stiff where balls begin to touch.
 
     Parameters
     ----------
@@ -621,7 +622,8 @@ class TabulatedLaw(EnergyLaw):
     def _find_log_overlap(self, log_force: Array) -> Array:
         """Return log delta at each log f, of the same shape.
 
-        log f rises with log delta: Newton's method, kept between two points of the table.
+        log f rises with log delta: Newton's method, kept between the two points of the table that
+        log f lies between, if it does.
         """
         knots, log_forces = self._knots
         count = len(knots)
@@ -769,9 +771,9 @@ def check_law(law: PairLaw, radius: float) -> None:
 
     They do not agree if a method is not the derivative of the method before it (in the order
     energy, force, stiffness, stiffness_slope), or if the overlap of a force is not the overlap that
-    has this force. Refused too are methods that do not take arrays or do not return finite numbers,
-    a force that does not rise with the overlap, a ``least_overlap`` that is no number, a force
-    below it, and a ``contact_radius`` that does not return finite radii above zero.
+    has this force. Refused too are methods that do not take arrays or do not return arrays of
+    finite floats, a force that does not rise with the overlap, a ``least_overlap`` that is no
+    number, a force below it, and a ``contact_radius`` that does not return finite radii above zero.
     """
     if isinstance(law, HertzLaw | PowerLaw | DMTLaw | JKRLaw | TabulatedLaw):
         return
@@ -823,7 +825,7 @@ def _check_opening(law: PairLaw, name: str, overlaps: Array) -> bool:
             f"force of the contact law {name} is no finite number below an overlap of"
             f" {least_overlap:g} m",
             "Balls may be apart",
-            "Return zero there, with np.maximum(overlap, 0.0)",
+            "Return zero there" + ("" if least_overlap else ", with np.maximum(overlap, 0.0)"),
         )
     has_force = bool(np.any(forces))
     if given_least is not None and has_force:

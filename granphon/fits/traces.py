@@ -243,7 +243,7 @@ class Traces(Result, array="signals"):
 
         Raises :class:`~granphon.base.errors.InputError` for less than two sensors, an unknown
         method, an option of another method or out of its range, "phase" without a frequency, a
-        ``lowpass`` that is neither a number above zero nor "auto", is too high for the samples, or
+        ``lowpass`` that is no number above zero, "auto" or None, is too high for the samples, or
         has a period longer than the record, a ``quiet`` outside of the record, a quiet part of less
         than 16 samples, a pulse or threshold that is not above five standard deviations of the
         noise, a trace that has no maximum, still rises at its end or begins above the threshold,
@@ -369,8 +369,8 @@ class _LowPass:
 
 @dataclass(frozen=True)
 class _Arrivals:
-    """Times of arrival (m,), s, and the variances (m,) of their errors, s^2, which do not depend
-    on each other.
+    """Times of arrival (m,), s, and the variances (m,) of their errors, s^2; the errors are
+    independent of each other.
     """
 
     times: Array
@@ -755,9 +755,10 @@ def _still_rises(magnitudes: Array, noise: float) -> bool:
     """Return whether a record ends while its pulse still rises. ``magnitudes`` (n,) are those of
     the samples, and ``noise`` is the standard deviation of their noise.
 
-    Samples are counted in quarters of the rise so far, of two samples at least. The pulse still
-    rises if the greatest sample lies in the last quarter of the record, and the mean over this
-    quarter exceeds the mean over the quarter before by more than five times the noise.
+    The end of the record is seen in two stretches, each as long as a quarter of the rise so far,
+    and of two samples at least. The pulse still rises if the greatest sample lies in the last
+    stretch, and the mean over this stretch exceeds the mean over the one before by more than five
+    times the noise. In a record that is shorter than both stretches no pulse rises.
     """
     top = int(np.argmax(magnitudes))
     rise = top - int(np.argmax(magnitudes >= THRESHOLD * magnitudes[top]))

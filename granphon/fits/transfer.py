@@ -280,11 +280,12 @@ def _choose_frequencies(
     frequencies: Array, coherences: Array, n_independent: float, band: tuple[float, float]
 ) -> Flags:
     """Return which of the ``frequencies`` (n_f,) of segments, Hz, from zero on, are kept (n_f,):
-    those in the ``band``, (lowest, highest), Hz, at which noise alone would rarely have the
-    ``coherences`` (n_f,) in a mean over ``n_independent`` segments.
+    those in the ``band``, (lowest, highest), Hz, and above two over the length of a segment, at
+    which noise alone would rarely have the ``coherences`` (n_f,) in a mean over ``n_independent``
+    segments.
 
-    Raises InputError if there is no frequency in the band, or if the coherences in the band may all
-    be those of noise.
+    Raises InputError if the band holds no frequency above two over the length of a segment, or if
+    the coherences of those that it holds may all be those of noise.
     """
     low, high = band
     # segments have lost their means, and with these the frequencies of one window about zero: the
@@ -597,8 +598,8 @@ class _Model:
 
     def find_scale(self, name: str) -> float:
         """Return the typical value, SI, of the parameter called ``name``. For a loss it is the
-        value that makes the loss factor about one at the median frequency, for the modulus of a
-        wall the modulus that the wall has, and for ratios one.
+        value (of ln(1/e) for the restitution e) that makes the loss factor about one at the median
+        frequency, for the modulus of a wall the modulus that the wall has, and for ratios one.
         """
         network = self.network
         if name == "wall_modulus":
@@ -641,7 +642,8 @@ class _Model:
 
     def __call__(self, parameters: Array) -> NDArray[np.complex128]:
         """Return the complex transfer function (n,), in the unit of the measured one, at these
-        ``parameters`` (p,), SI; nan over springs over which no balls come to rest.
+        ``parameters`` (p,), SI; nan where the pressed crystal with these parameters does not come
+        to rest.
         """
         values = dict(zip(self.names, parameters.tolist(), strict=True))
         try:
@@ -770,10 +772,10 @@ def find_secant(
 
     ``compare`` returns the residuals (n,) at parameters (p,) in units of typical values, and
     ``values`` (p,) are the best ones; ``index`` is the index of the loss among them, and ``name``
-    its name in messages. The least step is 1e-9.
+    its name in messages. The step is 1e-9 or more.
 
-    Raises :class:`~granphon.base.errors.InputError` if no step up to 10 changes the residuals so
-    much.
+    Raises :class:`~granphon.base.errors.InputError` if none of the steps 1e-9, 2e-9, 4e-9 and so on
+    up to 10 changes the residuals so much.
     """
     from scipy.optimize import brentq
 
@@ -850,7 +852,7 @@ def fit_damping(
     Returns
     -------
     :class:`DampingFit`. Standard errors are those of linear theory, from the given sigma or from
-    the scatter. A loss whose error exceeds its value has the error up to which the misfit rises by
+    the scatter. A loss whose error exceeds its value has the error at which the misfit has risen by
     that of one standard deviation.
 
     Raises :class:`~granphon.base.errors.InputError` for data that are no
@@ -975,7 +977,7 @@ class _Comparison:
 
     Attributes
     ----------
-    scale : (p,) typical values of the parameters, SI; "scaled" parameters are over these.
+    scale : (p,) typical values of the parameters, SI. "Scaled" parameters are SI values over these.
     is_loss : (p,) whether a parameter is a loss.
     sigma : (n,) standard errors of magnitudes, in their unit; the magnitudes themselves, relative
         errors of 1, if they are not known.
@@ -1053,8 +1055,10 @@ class _Comparison:
         """Return the sum of squares of :meth:`compare_logarithms`, infinite where the model does
         not respond, and the scaled parameters (p,), with the gain that fits best.
 
-        The losses add up to ``loss``, and stiffnesses are about ``stiffer`` times those of the
-        network.
+        The losses add up to ``loss``. A parameter of :data:`_POWERS` is ``stiffer`` to the power
+        that it has there: where the stiffness or the load is fitted, contacts are ``stiffer`` times
+        as stiff as those of the network; where both are, they are ``stiffer`` squared times as
+        stiff.
         """
         ratios = np.array([stiffer ** _POWERS.get(name, 0.0) for name in self.names])
         scaled = np.where(self.is_loss, loss / max(int(np.sum(self.is_loss)), 1), ratios)
@@ -1096,9 +1100,9 @@ class _Comparison:
         return starts_of_descent
 
     def _find_best_ratios(self) -> list[float]:
-        """Return the three ratios of stiffness, to that of the network as it is, at which the
-        response with a large loss factor fits best, the best first. The loss makes resonances so
-        broad that one that is off by its width is still found.
+        """Return the three ratios of :data:`_STIFFNESS_RATIOS`, as ``stiffer`` of
+        :meth:`find_start`, at which the response with a large loss factor fits best, the best
+        first. The loss makes resonances so broad that one that is off by its width is still found.
         """
         misfits = []
         for ratio in _STIFFNESS_RATIOS.tolist():

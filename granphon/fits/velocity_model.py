@@ -257,8 +257,9 @@ class VelocityModel:
     ``names`` (p,) are those of the parameters, from :data:`VARIABLE`; where the width is not one of
     them the packing keeps its own. ``curve_at`` are the logarithms of the parameters at which
     samples are simulated; by default they are the packing's own, but for the width where one curve
-    serves all widths. Raises :class:`InputError` for other names, or if the medium does not exist
-    for the packing or with finite overlap, or the lattice has no such waves.
+    serves all widths, or where the balls are equal. Raises :class:`InputError` for other names, or
+    if the medium does not exist for the packing or with finite overlap, or the lattice has no such
+    waves.
     """
 
     packing: Packing
