@@ -127,7 +127,8 @@ class Hertz:
 
     def between(self, ball: Body, other: Body) -> HertzLaw:
         """Return the law of the contact of two bodies, ``ball`` and ``other``. Raises
-        :class:`InputError` for bodies that make no elastic contact or one beyond double precision.
+        :class:`InputError` as :meth:`~granphon.balls.ball.ContactConstants.of` does, and for a
+        contact beyond double precision.
         """
         constants = ContactConstants.of(ball, other)
         return HertzLaw(4.0 / 3.0 * constants.modulus * math.sqrt(constants.radius))
@@ -243,8 +244,8 @@ class DMT(_Adhesive):
 
     def between(self, ball: Body, other: Body) -> PairLaw:
         """Return the law of the contact of two bodies, ``ball`` and ``other``. Raises
-        :class:`InputError` for bodies that make no elastic contact, and for a contact or an
-        adhesion beyond double precision.
+        :class:`InputError` as :meth:`~granphon.balls.ball.ContactConstants.of` does, and for a
+        contact or an adhesion beyond double precision.
         """
         radius = ContactConstants.of(ball, other).radius
         return DMTLaw(Hertz().between(ball, other), self._find_tension(radius))
@@ -309,8 +310,9 @@ class JKR(_Adhesive):
 
     def between(self, ball: Body, other: Body) -> PairLaw:
         """Return the law of the contact of two bodies, ``ball`` and ``other``: Hertz's if there is
-        no adhesion. Raises :class:`InputError` for bodies that make no elastic contact, and for a
-        contact or an adhesion beyond double precision.
+        no adhesion. Raises :class:`InputError` as
+        :meth:`~granphon.balls.ball.ContactConstants.of` does, and for a contact or an adhesion
+        beyond double precision.
         """
         if not self.adhesion:
             return Hertz().between(ball, other)
@@ -942,7 +944,8 @@ def register_law(name: str, law: Any, **units: str) -> Any:
     Returns ``law``. A crystal that takes the law compares it with its derivatives. Raises
     :class:`InputError` for an object that is no law, for units of a law that is no class, for units
     that are not those of the numbers of a class (numbers with a default may be left out) or that
-    are no text of SI, and for a name that is no text, is taken or has a space.
+    are no text of SI, and for a name that is no printable text, begins with =, +, - or @, is taken
+    or has a space.
     """
     has_methods = all(callable(getattr(law, method, None)) for method in _METHODS)
     if not has_methods and not callable(getattr(law, "between", None)):

@@ -287,12 +287,10 @@ def _read_four_indices(indices: Any, cell: Array) -> Any:
             " degrees, and one across them"
         )
         raise InputError(problem, why, "Give three, one for each vector of the cell")
-    if indices[0] + indices[1] + indices[2] != 0:
-        raise InputError(
-            problem,
-            "The third of four Miller indices is minus the sum of the first two",
-            "Mend it",
-        )
+    h, k, third, last = indices.tolist()
+    if h + k + third != 0:
+        why = "The third of four Miller indices is minus the sum of the first two"
+        raise InputError(problem, why, f"Give {[h, k, -(h + k), last]}")
     return indices[[0, 1, 3]]
 
 

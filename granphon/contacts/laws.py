@@ -42,8 +42,8 @@ class _Limits(NamedTuple):
 class ContactLaws:
     """The laws of contacts: a law for each group of them, as functions of the overlaps (n_c,).
 
-    Contacts of no group never push: they are open below zero, and their law is known at every
-    overlap.
+    Contacts of no group never push. Their limits are those of a law that opens at overlap zero,
+    bears no tension and is known at every overlap.
 
     Parameters
     ----------

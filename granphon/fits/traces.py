@@ -238,8 +238,9 @@ class Traces(Result, array="signals"):
         lowpass : cut-off of the low-pass filter, Hz (Butterworth, order 4, forwards and backwards,
             so that nothing is delayed); None for no filter; "auto" for twice the highest frequency
             at which the spectrum of a trace stands out of its noise.
-        quiet : the traces are taken to be noise up to this time, s; by default each up to half of
-            the time, from its start, at which its magnitude first has half of its maximum.
+        quiet : time, s, up to which the traces are taken to be noise. By default each trace has its
+            own: half way from its first sample to the one that first differs from its beginning by
+            half of its greatest difference.
 
         Raises :class:`~granphon.base.errors.InputError` for less than two sensors, an unknown
         method, an option of another method or out of its range, "phase" without a frequency, a

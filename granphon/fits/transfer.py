@@ -235,7 +235,8 @@ class TransferFunction(Result):
         ------
         InputError : the drive or the response is no :class:`~granphon.Traces`, or has several
             sensors; the two have different times; a trace does not change; ``segment`` is no number
-            above zero, has less than 16 samples, or is longer than two thirds of the record;
+            above zero, has less than 16 samples, or is longer than two thirds of the record; the
+            record has less than 128 samples, and no ``segment`` is given;
             ``band`` is not two ascending frequencies from zero on, or holds no frequency that is
             kept; or nothing connects the drive and the response.
         """
@@ -583,8 +584,8 @@ class _Model:
 
         Each loss is a pair: that of normal motion, or of displacements, and that of all other
         motion. A loss that is not fitted has its given value. If only the first of a pair is
-        fitted, the second equals the first. The restitution e is one number. Where e is fitted,
-        the ``values`` hold ln(1/e) in place of e, and e is at least ``LEAST_RESTITUTION``.
+        fitted, the second equals the first. The restitution e is no pair. Where e is fitted, the
+        ``values`` hold ln(1/e) in place of e, and e is at least ``LEAST_RESTITUTION``.
         """
         losses: dict[str, Any] = {_RESTITUTION: self.given[_RESTITUTION]}
         if _RESTITUTION in values:
@@ -701,6 +702,8 @@ class DampingFit(Fitted):
     drag, dashpot : (2,) 1/s, of displacements and of rotations; and N s/m, of normal motion and of
         slip.
     restitution : of a collision; 1 without loss.
+
+    Of a loss that was given for each contact, the attribute is the mean over the contacts.
     """
 
     units: ClassVar[dict[str, str]] = {"phase": "rad"} | {
