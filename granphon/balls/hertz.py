@@ -345,13 +345,14 @@ class HertzLaw(EnergyLaw):
 
     def force_fluctuation(self, overlap: ArrayLike) -> Any:
         """Return the relative fluctuation Delta f / f of the forces over balls: zero at any
-        ``overlap`` of equal balls. Raises :class:`InputError` for nan.
+        ``overlap`` of equal balls. Raises :class:`InputError` for what is no real number, and for
+        nan.
         """
         return np.zeros_like(read_overlap(overlap))[()]
 
     def contact_fraction(self, overlap: ArrayLike) -> Any:
         """Return the fraction of the contacts that carry load, at each ``overlap``, m: 1 above
-        zero, else 0. Raises :class:`InputError` for nan.
+        zero, else 0. Raises :class:`InputError` for what is no real number, and for nan.
         """
         return np.asarray(read_overlap(overlap) > 0.0, float)[()]
 

@@ -100,8 +100,9 @@ class Layers:
         """Return positions (n, d) and shifts (n_c, p) of the same balls and contacts ``i``, ``j``
         (n_c,), with all sites within one layer.
 
-        Sites that lie one layer or more above the lowest are moved down by whole layers. ``walls``
-        (n,) says which of the n bodies are walls, which have no site and stay where they are.
+        Sites that lie one layer or more above the lowest are moved down by whole layers; if there
+        are none, the given arrays themselves are returned. ``walls`` (n,) says which of the n
+        bodies are walls, which have no site and stay where they are.
         """
         p = len(self.basis)
         height = (positions @ self.turn.T)[:, p - 1] / self.stack[p - 1]  # in layers

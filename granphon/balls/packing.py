@@ -161,6 +161,7 @@ class Packing:
             f"balls of {self.diameter:g} m of {material} are beyond double precision",
             "A scale, such as the mass, the density, a force, a stiffness, an energy or the square"
             f" of a velocity, is not between {_LEAST_SCALE:g} and {1 / _LEAST_SCALE:g} in SI",
+            "Compare the units",
         )
 
     @property

@@ -63,7 +63,7 @@ class ContactLaws:
         """Keep the laws, and ask them for their limits unless these are given."""
         self.groups = groups
         self.count = count
-        #: the law of all contacts, where they have one, of granphon
+        #: the law of all contacts, if they have a single one, and it is one of granphon's
         self._law: EnergyLaw | None = None
         if len(groups) == 1:
             law, contacts = groups[0]

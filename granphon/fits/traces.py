@@ -733,7 +733,8 @@ def _count_quiet_samples(traces: Traces, name: str, signal: Array, quiet: float 
         )
     if quiet is not None:
         count = int(np.count_nonzero(traces.times < quiet))
-        content = f"{count} samples lie before {quiet:.6g} s"
+        content = f"it has {counted(count, 'sample')} before {quiet:.6g} s"
+        mend = "Start the record earlier, or give a later quiet, the time until which it is noise"
     else:
         magnitudes = np.abs(signal - np.mean(signal[:_LEAST_SAMPLES]))
         rise = int(np.argmax(magnitudes >= _LEAST_PEAK * np.max(magnitudes)))
@@ -743,11 +744,12 @@ def _count_quiet_samples(traces: Traces, name: str, signal: Array, quiet: float 
             f"it has half of its greatest magnitude, {ratio:.3g} standard deviations of the whole,"
             f" after {rise} samples"
         )
+        mend = "Start the record earlier, or give quiet, the time until which it is noise"
     if count < _LEAST_SAMPLES:
         raise InputError(
             f"the trace of sensor {name} has no quiet part before a pulse, or no pulse: {content}",
             f"Its noise is found from {_LEAST_SAMPLES} samples or more",
-            "Start the record earlier, or give quiet, the time until which it is noise",
+            mend,
         )
     return count
 

@@ -300,8 +300,8 @@ class VelocityModel:
         return np.log([values[name] for name in self.names])
 
     def find_nearly_equal(self) -> Array:
-        """Return the logarithms (p,) of the packing's own parameters, with balls that differ by
-        1e-9 of their diameter: a width of zero has no logarithm.
+        """Return the logarithms (p,) of the packing's own parameters, but for the width: if that is
+        one of them, it is 1e-9 of the diameter, as a width of zero has no logarithm.
         """
         return self.find_start(1e-9 * self.packing.diameter)
 
