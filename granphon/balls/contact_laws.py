@@ -127,7 +127,8 @@ class Hertz:
 
     def between(self, ball: Body, other: Body) -> HertzLaw:
         """Return the law of the contact of two bodies, ``ball`` and ``other``. Raises
-        :class:`InputError` for bodies that make no elastic contact or one beyond double precision.
+        :class:`InputError` as :meth:`~granphon.balls.ball.ContactConstants.of` does, and for a
+        contact beyond double precision.
         """
         constants = ContactConstants.of(ball, other)
         return HertzLaw(4.0 / 3.0 * constants.modulus * math.sqrt(constants.radius))
@@ -171,14 +172,15 @@ class PowerLaw(EnergyLaw):
 
     def _evaluate(self, overlap: ArrayLike, order: int) -> Any:
         """Return the energy, J, or its derivative of an ``order`` of 1 to 3, J/m^order, at each
-        ``overlap``, m: powers of the overlap.
+        ``overlap``, m, unchecked: a power of the overlap, and zero where the overlap is not above
+        zero.
         """
         delta = np.asarray(real_array("overlap", overlap))
         a = self.exponent
         factors = (1.0 / (a + 1.0), 1.0, a, a * (a - 1.0))  # of the energy and its derivatives
         factor = factors[order] * self.coefficient
         powers = np.zeros(delta.shape)
-        # a factor of zero has a power below zero, which may be beyond double precision
+        # the slope for a = 1 has the factor zero: delta^-1, which may overflow, is left out
         is_computed = (delta > 0.0) & (factor > 0.0)
         np.power(delta, a + 1.0 - order, out=powers, where=is_computed)
         return (factor * powers)[()]
@@ -242,8 +244,8 @@ class DMT(_Adhesive):
 
     def between(self, ball: Body, other: Body) -> PairLaw:
         """Return the law of the contact of two bodies, ``ball`` and ``other``. Raises
-        :class:`InputError` for bodies that make no elastic contact, and for a contact or an
-        adhesion beyond double precision.
+        :class:`InputError` as :meth:`~granphon.balls.ball.ContactConstants.of` does, and for a
+        contact or an adhesion beyond double precision.
         """
         radius = ContactConstants.of(ball, other).radius
         return DMTLaw(Hertz().between(ball, other), self._find_tension(radius))
@@ -262,7 +264,7 @@ class DMTLaw(EnergyLaw):
 
     def _evaluate(self, overlap: ArrayLike, order: int) -> Any:
         """Return the energy, J, or its derivative of an ``order`` of 1 to 3, J/m^order, at each
-        ``overlap``, m: those of Hertz's law less the tension.
+        ``overlap``, m, unchecked: those of Hertz's law less those of the tension.
         """
         elastic = self.hertz._evaluate(overlap, order)
         if order > FORCE:
@@ -308,8 +310,9 @@ class JKR(_Adhesive):
 
     def between(self, ball: Body, other: Body) -> PairLaw:
         """Return the law of the contact of two bodies, ``ball`` and ``other``: Hertz's if there is
-        no adhesion. Raises :class:`InputError` for bodies that make no elastic contact, and for a
-        contact or an adhesion beyond double precision.
+        no adhesion. Raises :class:`InputError` as
+        :meth:`~granphon.balls.ball.ContactConstants.of` does, and for a contact or an adhesion
+        beyond double precision.
         """
         if not self.adhesion:
             return Hertz().between(ball, other)
@@ -393,7 +396,7 @@ class JKRLaw(EnergyLaw):
 
     def _evaluate(self, overlap: ArrayLike, order: int) -> Any:
         """Return the energy, J, or its derivative of an ``order`` of 1 to 3, J/m^order, at each
-        ``overlap``, m: functions of u and u^3.
+        ``overlap``, m, unchecked: functions of u and u^3, and zero where the contact is broken.
         """
         u, is_unbroken = self._solve(np.asarray(real_array("overlap", overlap)))
         cube = u**3
@@ -434,9 +437,9 @@ class TabulatedLaw(EnergyLaw):
     """A law that is given by a table of overlaps and forces, for all pairs.
 
     The logarithm of the force is a monotone cubic function of the logarithm of the overlap (scipy's
-    ``PchipInterpolator``). So a table of a power law gives this law at all overlaps. Below the
-    first point and above the last it goes on as a power; below, of an exponent of 1 or above, so
-    that contacts are not infinitely stiff where balls begin to touch.
+    ``PchipInterpolator``). So a table of a power law with an exponent of 1 or above gives this law
+    at all overlaps. Below the first point and above the last it goes on as a power; below, of an
+    exponent of 1 or above, so that contacts are not infinitely stiff where balls begin to touch.
 
     Parameters
     ----------
@@ -621,7 +624,8 @@ class TabulatedLaw(EnergyLaw):
     def _find_log_overlap(self, log_force: Array) -> Array:
         """Return log delta at each log f, of the same shape.
 
-        log f rises with log delta: Newton's method, kept between two points of the table.
+        log f rises with log delta: Newton's method, kept between the two points of the table that
+        log f lies between, if it does.
         """
         knots, log_forces = self._knots
         count = len(knots)
@@ -769,9 +773,9 @@ def check_law(law: PairLaw, radius: float) -> None:
 
     They do not agree if a method is not the derivative of the method before it (in the order
     energy, force, stiffness, stiffness_slope), or if the overlap of a force is not the overlap that
-    has this force. Refused too are methods that do not take arrays or do not return finite numbers,
-    a force that does not rise with the overlap, a ``least_overlap`` that is no number, a force
-    below it, and a ``contact_radius`` that does not return finite radii above zero.
+    has this force. Refused too are methods that do not take arrays or do not return arrays of
+    finite floats, a force that does not rise with the overlap, a ``least_overlap`` that is no
+    number, a force below it, and a ``contact_radius`` that does not return finite radii above zero.
     """
     if isinstance(law, HertzLaw | PowerLaw | DMTLaw | JKRLaw | TabulatedLaw):
         return
@@ -823,7 +827,7 @@ def _check_opening(law: PairLaw, name: str, overlaps: Array) -> bool:
             f"force of the contact law {name} is no finite number below an overlap of"
             f" {least_overlap:g} m",
             "Balls may be apart",
-            "Return zero there, with np.maximum(overlap, 0.0)",
+            "Return zero there" + ("" if least_overlap else ", with np.maximum(overlap, 0.0)"),
         )
     has_force = bool(np.any(forces))
     if given_least is not None and has_force:
@@ -940,7 +944,8 @@ def register_law(name: str, law: Any, **units: str) -> Any:
     Returns ``law``. A crystal that takes the law compares it with its derivatives. Raises
     :class:`InputError` for an object that is no law, for units of a law that is no class, for units
     that are not those of the numbers of a class (numbers with a default may be left out) or that
-    are no text of SI, and for a name that is no text, is taken or has a space.
+    are no text of SI, and for a name that is no printable text, begins with =, +, - or @, is taken
+    or has a space.
     """
     has_methods = all(callable(getattr(law, method, None)) for method in _METHODS)
     if not has_methods and not callable(getattr(law, "between", None)):

@@ -122,7 +122,7 @@ def read_broadcast(**arguments: ArrayLike) -> list[Array]:
 def harmonic_diameter(first: ArrayLike, second: ArrayLike) -> Any:
     """Return the harmonic mean diameter d*, m, of two balls of the diameters ``first`` and
     ``second``, m, above zero: 1/d* = (1/d_i + 1/d_j)/2 (equation 3). The diameters broadcast; where
-    twice the larger is beyond double precision, the result may be infinite or nan.
+    twice the larger is beyond double precision, the result may be zero, infinite or nan.
 
     Raises :class:`InputError` for what is no number, and for shapes that do not broadcast.
     """
@@ -154,7 +154,8 @@ class EnergyLaw(ABC):
 
     Methods take scalars or arrays of any shape, and return floats for floats. They raise
     :class:`InputError` for what is no real number, for nan, and where the result is no finite
-    number; an overlap of minus infinity is that of balls far apart.
+    number; an overlap of minus infinity is that of balls far apart, where the law is zero unless it
+    pulls at any distance.
     """
 
     @property
@@ -218,13 +219,15 @@ def require_finite(name: str, quantity: Any, cause: str, argument: Any, unit: st
     """Raise :class:`InputError` unless all numbers of a ``quantity`` of contacts are finite.
 
     The message calls the quantity ``name``, and gives the first ``argument`` with a number that is
-    not finite: ``cause`` is what the argument is, ``unit`` its unit. ``quantity`` and ``argument``
-    are of one shape.
+    not finite, or says that this argument is nan: ``cause`` is what the argument is, ``unit`` its
+    unit. ``quantity`` and ``argument`` are of one shape.
     """
     is_finite = np.isfinite(quantity)
     if not np.all(is_finite):
         first_index = np.argmin(np.ravel(is_finite))
         number = float(np.ravel(argument)[first_index])
+        if math.isnan(number):
+            raise InputError(f"{cause} is nan", mend=f"Give a number, {unit}")
         raise InputError(
             f"the {name} of a contact at {cause} of {number:g} {unit} is beyond double precision",
             mend="Compare the units",
@@ -243,7 +246,7 @@ def require_pushing(forces: Array, least: float = 0.0) -> None:
         if least != 0.0:
             problem = f"a contact is pulled by more than {-least:.6g} N"
             why = "That is what its adhesion bears"
-        raise InputError(problem, why, f"Give f >= {least:.6g}")
+        raise InputError(problem, why, f"Give f >= {least + 0.0:.6g}")  # -0.0 becomes 0.0
 
 
 @dataclass(frozen=True)
@@ -291,7 +294,8 @@ class HertzLaw(EnergyLaw):
         if not 0.0 < coefficient < math.inf:
             raise InputError(
                 f"balls of {first_diameter:g} m and {second_diameter:g} m of this material"
-                f" are beyond double precision"
+                f" are beyond double precision",
+                mend="Compare the units",
             )
         return cls(coefficient)
 
@@ -341,13 +345,14 @@ class HertzLaw(EnergyLaw):
 
     def force_fluctuation(self, overlap: ArrayLike) -> Any:
         """Return the relative fluctuation Delta f / f of the forces over balls: zero at any
-        ``overlap`` of equal balls. Raises :class:`InputError` for nan.
+        ``overlap`` of equal balls. Raises :class:`InputError` for what is no real number, and for
+        nan.
         """
         return np.zeros_like(read_overlap(overlap))[()]
 
     def contact_fraction(self, overlap: ArrayLike) -> Any:
         """Return the fraction of the contacts that carry load, at each ``overlap``, m: 1 above
-        zero, else 0. Raises :class:`InputError` for nan.
+        zero, else 0. Raises :class:`InputError` for what is no real number, and for nan.
         """
         return np.asarray(read_overlap(overlap) > 0.0, float)[()]
 

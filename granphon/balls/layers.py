@@ -100,8 +100,9 @@ class Layers:
         """Return positions (n, d) and shifts (n_c, p) of the same balls and contacts ``i``, ``j``
         (n_c,), with all sites within one layer.
 
-        Sites that lie one layer or more above the lowest are moved down by whole layers. ``walls``
-        (n,) says which of the n bodies are walls, which have no site and stay where they are.
+        Sites that lie one layer or more above the lowest are moved down by whole layers; if there
+        are none, the given arrays themselves are returned. ``walls`` (n,) says which of the n
+        bodies are walls, which have no site and stay where they are.
         """
         p = len(self.basis)
         height = (positions @ self.turn.T)[:, p - 1] / self.stack[p - 1]  # in layers
@@ -287,12 +288,10 @@ def _read_four_indices(indices: Any, cell: Array) -> Any:
             " degrees, and one across them"
         )
         raise InputError(problem, why, "Give three, one for each vector of the cell")
-    if indices[0] + indices[1] + indices[2] != 0:
-        raise InputError(
-            problem,
-            "The third of four Miller indices is minus the sum of the first two",
-            "Mend it",
-        )
+    h, k, third, last = indices.tolist()
+    if h + k + third != 0:
+        why = "The third of four Miller indices is minus the sum of the first two"
+        raise InputError(problem, why, f"Give {[h, k, -(h + k), last]}")
     return indices[[0, 1, 3]]
 
 

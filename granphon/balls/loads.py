@@ -154,7 +154,7 @@ class Load:
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Shape of the array of values; () for a single one."""
+        """Shape of the array of values; () of a number, (1,) of a list of one."""
         return np.shape(self.array)
 
     @cached_property

@@ -18,8 +18,9 @@ from granphon.base.results import read_only
 
 @dataclass(frozen=True)
 class Motions:
-    """The motions of each ball: displacements first, then rotations. A rotation is stored as the
-    length w = R_g phi.
+    """The motions of each ball: displacements first, then rotations. Lattice dynamics hold a
+    rotation phi as the length w = R_g phi, with the radius of gyration R_g of the ball; networks
+    and motions in time hold phi, rad.
 
     Attributes
     ----------

@@ -163,9 +163,12 @@ def list_spring_parameters(motions: Motions) -> list[str]:
 def change_springs(
     on_site: Array | None, changes: Mapping[str, float], motions: Motions, n: int
 ) -> Array:
-    """Return the stiffnesses (n, motions) of the springs of n balls, ``on_site`` or None, after
-    ``changes``: new stiffnesses, N/m or N m, by their names in :data:`SPRING_PARAMETERS`. Each
-    change applies to all balls, and to all ``motions`` that its name stands for.
+    """Return the stiffnesses (n, motions) of the springs of n balls after ``changes``, in a new
+    array. ``on_site`` (n, motions) are the stiffnesses before, None without springs.
+
+    ``changes`` are new stiffnesses, N/m or N m, by their names in :data:`SPRING_PARAMETERS`. Each
+    change applies to all balls, and to all ``motions`` that its name stands for; where two changes
+    stand for one motion, the later one holds.
     """
     springs = np.zeros((n, motions.count)) if on_site is None else on_site.copy()
     for parameter, stiffness in changes.items():

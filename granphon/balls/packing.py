@@ -161,6 +161,7 @@ class Packing:
             f"balls of {self.diameter:g} m of {material} are beyond double precision",
             "A scale, such as the mass, the density, a force, a stiffness, an energy or the square"
             f" of a velocity, is not between {_LEAST_SCALE:g} and {1 / _LEAST_SCALE:g} in SI",
+            "Compare the units",
         )
 
     @property
@@ -215,9 +216,10 @@ class Packing:
         contact of radius r that does not slip (R. D. Mindlin, J. Appl. Mech. 16, 259, 1949); r
         follows from the force. For equal balls the result is (1 - sigma)/3 times the overlap over
         the diameter, with the Poisson ratio sigma; it is zero where k is zero, and infinite beyond
-        double precision. Raises
-        :class:`InputError` for what is no number, for shapes that do not broadcast, and, if the
-        torsion depends on the load, for a force that is negative or not finite.
+        double precision.
+
+        Raises :class:`InputError` for what is no number, for shapes that do not broadcast, and, if
+        the torsion depends on the load, for a force that is negative or not finite.
         """
         f, k = read_broadcast(force=force, stiffness=stiffness)
         if self.torsion != MINDLIN:
@@ -495,8 +497,8 @@ SWEEP_PARAMETERS: Mapping[str, str | None] = {
 
 def find_unit(name: str) -> str | None:
     """Return the SI unit of a parameter of a sweep: of packings, of springs to the ground, of
-    losses, or of a kind of ball or a wall ("A.diameter"); None if it is not a number. Raises
-    KeyError for any other name.
+    losses, or of a kind of ball or a wall ("A.diameter"); None if it is not a number. What stands
+    before the last point of the name is not checked. Raises KeyError for any other name.
     """
     if name in SWEEP_PARAMETERS:
         return SWEEP_PARAMETERS[name]

@@ -77,7 +77,8 @@ class Lengths(NamedTuple):
 @compiled
 def _find_root(parents: NDArray[np.int64], ball: int) -> int:
     """Return the root of the group of a ``ball``: the ball that the chain of ``parents`` (n,) ends
-    at. Balls on the way get their grandparents as parents, so that the next search is shorter.
+    at. Every second ball on the way gets its grandparent as parent, so that the next search is
+    shorter.
     """
     while parents[ball] != ball:
         parents[ball] = parents[parents[ball]]

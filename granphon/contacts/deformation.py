@@ -95,7 +95,7 @@ def measure_turned(
     and with its arguments, their vectors are v + w, and they lose |v + w| - |v| of their overlaps.
 
     Flat contacts, where ``is_flat`` (n_c,) is true, keep their vectors, and lose v.w/|v|. The
-    normal of a vector that becomes zero is nan.
+    normal of a vector that becomes zero is nan; without Numba such a vector is a ZeroDivisionError.
     """
     count = len(vector)
     turned = TurnedContacts(

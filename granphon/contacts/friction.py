@@ -263,8 +263,9 @@ class FrictionLaw:
         self, before: Contacts, overlaps: Array, slips: Array, guess: Array | None = None
     ) -> tuple[Contacts, Callable[[], Tangent]]:
         """Return the contacts at the end of a step from the state ``before`` to ``overlaps`` (n_c,
-        L1, ..., Lp) and ``slips`` (n_s, n_c, L1, ..., Lp), and a function that returns the tangent
-        there. The function computes the tangent once, at its first call.
+        L1, ..., Lp) and ``slips`` (n_s, n_c, L1, ..., Lp), arrays which they hold without a copy,
+        and a function that returns the tangent there. The function computes the tangent once, at
+        its first call.
 
         With a ``guess`` of the overlaps at the end, (n_c, L1, ..., Lp), the stiffness against slip
         and Coulomb's limit are those at the guess. The forces are then derivatives of a convex

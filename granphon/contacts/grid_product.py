@@ -208,8 +208,8 @@ def add_neighbour_products(product: GridProduct, motions: Values, forces: Values
     """Add to ``forces`` (f, k, cells) the forces of contacts on each of their two balls against the
     ``motions`` (f, k, cells) of the other ball.
 
-    For each right side, motions are copied to all places, and the forces at the places of cells are
-    added up, ``_PLACES_AT_ONCE`` places at a time; those at ghosts between them are left.
+    For each right side, motions are copied to all places, and forces are added up at all places
+    from the first cell to the last, ``_PLACES_AT_ONCE`` at a time; those at ghosts are not used.
     """
     cells = product.cells
     places = product.places

@@ -42,8 +42,8 @@ class _Limits(NamedTuple):
 class ContactLaws:
     """The laws of contacts: a law for each group of them, as functions of the overlaps (n_c,).
 
-    Contacts of no group never push: they are open below zero, and their law is known at every
-    overlap.
+    Contacts of no group never push. Their limits are those of a law that opens at overlap zero,
+    bears no tension and is known at every overlap.
 
     Parameters
     ----------
@@ -63,7 +63,7 @@ class ContactLaws:
         """Keep the laws, and ask them for their limits unless these are given."""
         self.groups = groups
         self.count = count
-        #: the law of all contacts, where they have one, of granphon
+        #: the law of all contacts, if they have a single one, and it is one of granphon's
         self._law: EnergyLaw | None = None
         if len(groups) == 1:
             law, contacts = groups[0]

@@ -8,7 +8,8 @@ five deformations, each with a stiffness of its own,
     slip        (1 - nn) v - (arm_i phi_i + arm_j phi_j) x n
     twist       (phi_j - phi_i).n
     roll        (1 - nn)(phi_j - phi_i)
-    push        (1 - nn) v, which the static force along n resists with the stiffness -f/r
+    push        (1 - nn) v, which the static force f along n resists with the stiffness -f/r, or
+                f/r where the contact leans (ContactList.side_stiffness)
 
 The tangent is the second derivative of the energy of these springs. Its block for two displacements
 is made of nn and 1 - nn; that for a displacement and a rotation of the matrix of phi x n, times an

@@ -195,7 +195,8 @@ class MovingContacts:
         loops.measure(self._columns, moment.motions, self.rules.can_turn, moment.e)
 
     def press(self, moment: Moment, is_joined: Any) -> None:
-        """Set the normal forces and the stiffnesses of a ``moment`` from its elongations.
+        """Set the changes f - f_0 of normal forces, and the stiffnesses, of a ``moment`` from its
+        elongations.
 
         ``is_joined`` (n_c,) says which contacts whose force jumps are joined, None that all are:
         see :meth:`Powers.press`. Stiffnesses of punches are set if the law knows radii; otherwise

@@ -267,7 +267,10 @@ class Tangent:
 
     @cached_property
     def matrix(self) -> Any:
-        """A, a sparse matrix (n m, n m) in columns; motions of a ball follow each other."""
+        """A, a sparse matrix (n m, n m) in columns; motions of a ball follow each other. The matrix
+        shares its entries with :attr:`data` and its indices with :attr:`pattern`: these must not be
+        changed.
+        """
         return self.pattern.make_matrix(self.data)
 
     def symmetrise(self) -> Tangent:

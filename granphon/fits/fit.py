@@ -414,9 +414,9 @@ def find_best(problem: FitProblem) -> tuple[FitProblem, Array]:
 
     For a simulation, the search starts from the best parameters in the effective medium; for
     another medium, if the width is not fitted, from those of the packing. Otherwise the search
-    starts from each width whose sum of squares is not above that of its neighbours, where one
-    linear step has brought the other parameters to their best. Widths so large that the medium
-    refuses them are left out.
+    starts from each width whose sum of squares is not above that of its neighbours, with the other
+    parameters of the packing; the sums compared are those to which one linear step of the other
+    parameters leads. Widths so large that the medium refuses them are left out.
 
     Raises :class:`~granphon.base.errors.InputError` as :func:`_find_best_of_samples` and
     :func:`_try_widths` do, and where the medium refuses the start.

@@ -373,7 +373,10 @@ def _require_conversion(
     """
     if load == "side_force" and not callable(force_of_side_force):
         why = "The contact forces depend on the number of balls on a side too"
-        mend = "Give the scene's load as side_force and balls_per_side"
+        mend = (
+            "Give the scene's load as side_force and balls_per_side, or in Python frame, a function"
+            " that returns the contact forces"
+        )
         raise InputError(f"{path} gives side forces", why, mend)
     if load == "pressure" and not callable(force_of_pressure):
         why = "The contact forces depend on the packing too"

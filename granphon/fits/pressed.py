@@ -79,8 +79,8 @@ class PressedCrystal:
 
         Springs to the ground are ``on_site`` times as stiff as those of the crystal. The one wall
         has the Young modulus ``wall_modulus``, Pa, or its own if that is None; only a crystal with
-        one wall may be given a modulus. Raises :class:`~granphon.base.errors.GranphonError` if no
-        balls come to rest.
+        one wall may be given a modulus. Raises :class:`~granphon.base.errors.GranphonError` if the
+        crystal is impossible or does not come to rest.
         """
         return self._find_network(on_site, wall_modulus)
 

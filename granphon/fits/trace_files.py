@@ -170,7 +170,8 @@ def _find_distances(
     one. ``given_distances`` are in the order of the sensors, or by some of their ``names``.
 
     InputError, which names the files by ``where``, for the name of a sensor that is not there, for
-    a number of distances that is not that of the sensors, and for a sensor without a distance.
+    a number of distances that is not that of the sensors, and for a sensor without a distance;
+    also for distances that are no finite numbers.
     """
     distances: list[float | None]
     if given_distances is None:
@@ -296,9 +297,9 @@ def _read_hdf5(path: str | os.PathLike[str]) -> _FileTraces:
     """Return the traces of a file of HDF5: the data sets "signals" (m, n), "time" (n,) or the
     attribute "time_step", "distance" (m,) and "names" (m,), of which only the first is required.
 
-    Raises MissingFileError if there is no file; InputError for one that cannot be read, times that
-    are given twice, and data sets that do not fit together; MissingPackageError if h5py is not
-    installed.
+    Raises MissingFileError if there is no file; InputError for a file or data set that cannot be
+    read, numbers that are not finite or have the unit of another quantity, times that are given
+    twice, and data sets that do not fit together; MissingPackageError if h5py is not installed.
     """
     require_installed("A file of HDF5", "h5py")
     import h5py

@@ -238,12 +238,13 @@ class Traces(Result, array="signals"):
         lowpass : cut-off of the low-pass filter, Hz (Butterworth, order 4, forwards and backwards,
             so that nothing is delayed); None for no filter; "auto" for twice the highest frequency
             at which the spectrum of a trace stands out of its noise.
-        quiet : the traces are taken to be noise up to this time, s; by default each up to half of
-            the time, from its start, at which its magnitude first has half of its maximum.
+        quiet : time, s, up to which the traces are taken to be noise. By default each trace has its
+            own: half way from its first sample to the one that first differs from its beginning by
+            half of its greatest difference.
 
         Raises :class:`~granphon.base.errors.InputError` for less than two sensors, an unknown
         method, an option of another method or out of its range, "phase" without a frequency, a
-        ``lowpass`` that is neither a number above zero nor "auto", is too high for the samples, or
+        ``lowpass`` that is no number above zero, "auto" or None, is too high for the samples, or
         has a period longer than the record, a ``quiet`` outside of the record, a quiet part of less
         than 16 samples, a pulse or threshold that is not above five standard deviations of the
         noise, a trace that has no maximum, still rises at its end or begins above the threshold,
@@ -369,8 +370,8 @@ class _LowPass:
 
 @dataclass(frozen=True)
 class _Arrivals:
-    """Times of arrival (m,), s, and the variances (m,) of their errors, s^2, which do not depend
-    on each other.
+    """Times of arrival (m,), s, and the variances (m,) of their errors, s^2; the errors are
+    independent of each other.
     """
 
     times: Array
@@ -732,7 +733,8 @@ def _count_quiet_samples(traces: Traces, name: str, signal: Array, quiet: float 
         )
     if quiet is not None:
         count = int(np.count_nonzero(traces.times < quiet))
-        content = f"{count} samples lie before {quiet:.6g} s"
+        content = f"it has {counted(count, 'sample')} before {quiet:.6g} s"
+        mend = "Start the record earlier, or give a later quiet, the time until which it is noise"
     else:
         magnitudes = np.abs(signal - np.mean(signal[:_LEAST_SAMPLES]))
         rise = int(np.argmax(magnitudes >= _LEAST_PEAK * np.max(magnitudes)))
@@ -742,11 +744,12 @@ def _count_quiet_samples(traces: Traces, name: str, signal: Array, quiet: float 
             f"it has half of its greatest magnitude, {ratio:.3g} standard deviations of the whole,"
             f" after {rise} samples"
         )
+        mend = "Start the record earlier, or give quiet, the time until which it is noise"
     if count < _LEAST_SAMPLES:
         raise InputError(
             f"the trace of sensor {name} has no quiet part before a pulse, or no pulse: {content}",
             f"Its noise is found from {_LEAST_SAMPLES} samples or more",
-            "Start the record earlier, or give quiet, the time until which it is noise",
+            mend,
         )
     return count
 
@@ -755,9 +758,10 @@ def _still_rises(magnitudes: Array, noise: float) -> bool:
     """Return whether a record ends while its pulse still rises. ``magnitudes`` (n,) are those of
     the samples, and ``noise`` is the standard deviation of their noise.
 
-    Samples are counted in quarters of the rise so far, of two samples at least. The pulse still
-    rises if the greatest sample lies in the last quarter of the record, and the mean over this
-    quarter exceeds the mean over the quarter before by more than five times the noise.
+    The end of the record is seen in two stretches, each as long as a quarter of the rise so far,
+    and of two samples at least. The pulse still rises if the greatest sample lies in the last
+    stretch, and the mean over this stretch exceeds the mean over the one before by more than five
+    times the noise. In a record that is shorter than both stretches no pulse rises.
     """
     top = int(np.argmax(magnitudes))
     rise = top - int(np.argmax(magnitudes >= THRESHOLD * magnitudes[top]))

@@ -235,7 +235,8 @@ class TransferFunction(Result):
         ------
         InputError : the drive or the response is no :class:`~granphon.Traces`, or has several
             sensors; the two have different times; a trace does not change; ``segment`` is no number
-            above zero, has less than 16 samples, or is longer than two thirds of the record;
+            above zero, has less than 16 samples, or is longer than two thirds of the record; the
+            record has less than 128 samples, and no ``segment`` is given;
             ``band`` is not two ascending frequencies from zero on, or holds no frequency that is
             kept; or nothing connects the drive and the response.
         """
@@ -280,11 +281,12 @@ def _choose_frequencies(
     frequencies: Array, coherences: Array, n_independent: float, band: tuple[float, float]
 ) -> Flags:
     """Return which of the ``frequencies`` (n_f,) of segments, Hz, from zero on, are kept (n_f,):
-    those in the ``band``, (lowest, highest), Hz, at which noise alone would rarely have the
-    ``coherences`` (n_f,) in a mean over ``n_independent`` segments.
+    those in the ``band``, (lowest, highest), Hz, and above two over the length of a segment, at
+    which noise alone would rarely have the ``coherences`` (n_f,) in a mean over ``n_independent``
+    segments.
 
-    Raises InputError if there is no frequency in the band, or if the coherences in the band may all
-    be those of noise.
+    Raises InputError if the band holds no frequency above two over the length of a segment, or if
+    the coherences of those that it holds may all be those of noise.
     """
     low, high = band
     # segments have lost their means, and with these the frequencies of one window about zero: the
@@ -582,8 +584,8 @@ class _Model:
 
         Each loss is a pair: that of normal motion, or of displacements, and that of all other
         motion. A loss that is not fitted has its given value. If only the first of a pair is
-        fitted, the second equals the first. The restitution e is one number. Where e is fitted,
-        the ``values`` hold ln(1/e) in place of e, and e is at least ``LEAST_RESTITUTION``.
+        fitted, the second equals the first. The restitution e is no pair. Where e is fitted, the
+        ``values`` hold ln(1/e) in place of e, and e is at least ``LEAST_RESTITUTION``.
         """
         losses: dict[str, Any] = {_RESTITUTION: self.given[_RESTITUTION]}
         if _RESTITUTION in values:
@@ -597,8 +599,8 @@ class _Model:
 
     def find_scale(self, name: str) -> float:
         """Return the typical value, SI, of the parameter called ``name``. For a loss it is the
-        value that makes the loss factor about one at the median frequency, for the modulus of a
-        wall the modulus that the wall has, and for ratios one.
+        value (of ln(1/e) for the restitution e) that makes the loss factor about one at the median
+        frequency, for the modulus of a wall the modulus that the wall has, and for ratios one.
         """
         network = self.network
         if name == "wall_modulus":
@@ -641,7 +643,8 @@ class _Model:
 
     def __call__(self, parameters: Array) -> NDArray[np.complex128]:
         """Return the complex transfer function (n,), in the unit of the measured one, at these
-        ``parameters`` (p,), SI; nan over springs over which no balls come to rest.
+        ``parameters`` (p,), SI; nan where the pressed crystal with these parameters does not come
+        to rest.
         """
         values = dict(zip(self.names, parameters.tolist(), strict=True))
         try:
@@ -699,6 +702,8 @@ class DampingFit(Fitted):
     drag, dashpot : (2,) 1/s, of displacements and of rotations; and N s/m, of normal motion and of
         slip.
     restitution : of a collision; 1 without loss.
+
+    Of a loss that was given for each contact, the attribute is the mean over the contacts.
     """
 
     units: ClassVar[dict[str, str]] = {"phase": "rad"} | {
@@ -770,10 +775,10 @@ def find_secant(
 
     ``compare`` returns the residuals (n,) at parameters (p,) in units of typical values, and
     ``values`` (p,) are the best ones; ``index`` is the index of the loss among them, and ``name``
-    its name in messages. The least step is 1e-9.
+    its name in messages. The step is 1e-9 or more.
 
-    Raises :class:`~granphon.base.errors.InputError` if no step up to 10 changes the residuals so
-    much.
+    Raises :class:`~granphon.base.errors.InputError` if none of the steps 1e-9, 2e-9, 4e-9 and so on
+    up to 10 changes the residuals so much.
     """
     from scipy.optimize import brentq
 
@@ -850,7 +855,7 @@ def fit_damping(
     Returns
     -------
     :class:`DampingFit`. Standard errors are those of linear theory, from the given sigma or from
-    the scatter. A loss whose error exceeds its value has the error up to which the misfit rises by
+    the scatter. A loss whose error exceeds its value has the error at which the misfit has risen by
     that of one standard deviation.
 
     Raises :class:`~granphon.base.errors.InputError` for data that are no
@@ -975,7 +980,7 @@ class _Comparison:
 
     Attributes
     ----------
-    scale : (p,) typical values of the parameters, SI; "scaled" parameters are over these.
+    scale : (p,) typical values of the parameters, SI. "Scaled" parameters are SI values over these.
     is_loss : (p,) whether a parameter is a loss.
     sigma : (n,) standard errors of magnitudes, in their unit; the magnitudes themselves, relative
         errors of 1, if they are not known.
@@ -1053,8 +1058,10 @@ class _Comparison:
         """Return the sum of squares of :meth:`compare_logarithms`, infinite where the model does
         not respond, and the scaled parameters (p,), with the gain that fits best.
 
-        The losses add up to ``loss``, and stiffnesses are about ``stiffer`` times those of the
-        network.
+        The losses add up to ``loss``. A parameter of :data:`_POWERS` is ``stiffer`` to the power
+        that it has there: where the stiffness or the load is fitted, contacts are ``stiffer`` times
+        as stiff as those of the network; where both are, they are ``stiffer`` squared times as
+        stiff.
         """
         ratios = np.array([stiffer ** _POWERS.get(name, 0.0) for name in self.names])
         scaled = np.where(self.is_loss, loss / max(int(np.sum(self.is_loss)), 1), ratios)
@@ -1096,9 +1103,9 @@ class _Comparison:
         return starts_of_descent
 
     def _find_best_ratios(self) -> list[float]:
-        """Return the three ratios of stiffness, to that of the network as it is, at which the
-        response with a large loss factor fits best, the best first. The loss makes resonances so
-        broad that one that is off by its width is still found.
+        """Return the three ratios of :data:`_STIFFNESS_RATIOS`, as ``stiffer`` of
+        :meth:`find_start`, at which the response with a large loss factor fits best, the best
+        first. The loss makes resonances so broad that one that is off by its width is still found.
         """
         misfits = []
         for ratio in _STIFFNESS_RATIOS.tolist():

@@ -257,8 +257,9 @@ class VelocityModel:
     ``names`` (p,) are those of the parameters, from :data:`VARIABLE`; where the width is not one of
     them the packing keeps its own. ``curve_at`` are the logarithms of the parameters at which
     samples are simulated; by default they are the packing's own, but for the width where one curve
-    serves all widths. Raises :class:`InputError` for other names, or if the medium does not exist
-    for the packing or with finite overlap, or the lattice has no such waves.
+    serves all widths, or where the balls are equal. Raises :class:`InputError` for other names, or
+    if the medium does not exist for the packing or with finite overlap, or the lattice has no such
+    waves.
     """
 
     packing: Packing
@@ -299,8 +300,8 @@ class VelocityModel:
         return np.log([values[name] for name in self.names])
 
     def find_nearly_equal(self) -> Array:
-        """Return the logarithms (p,) of the packing's own parameters, with balls that differ by
-        1e-9 of their diameter: a width of zero has no logarithm.
+        """Return the logarithms (p,) of the packing's own parameters, but for the width: if that is
+        one of them, it is 1e-9 of the diameter, as a width of zero has no logarithm.
         """
         return self.find_start(1e-9 * self.packing.diameter)
 

@@ -214,6 +214,8 @@ def test_dmt_is_hertz_with_a_tension_and_no_adhesion_is_hertz():
     assert gp.JKR(0.0).between(GEL, GEL) == gp.DMT(0.0).between(GEL, GEL).hertz == hertz
     with pytest.raises(InputError, match="pulled by more than"):
         law.overlap(-1.0)
+    with pytest.raises(InputError, match=r"Give f >= 0\."):
+        gp.DMT(0.0).between(GEL, GEL).overlap(-1.0)
     assert law.energy(-math.inf) == law.force(-math.inf) == 0.0
 
 
@@ -309,7 +311,7 @@ def test_laws_refuse_what_is_beyond_double_precision(name):
             except InputError:
                 assert value not in (5e-324, 1e-308)
     assert law.force(-1e308) == 0.0
-    with pytest.raises(InputError, match="nan"):
+    with pytest.raises(InputError, match=r"an overlap is nan\. Give a number, m"):
         law.force(math.nan)
 
 

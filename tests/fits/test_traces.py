@@ -259,6 +259,8 @@ def test_what_gives_no_velocity_is_refused() -> None:
         traces.velocity("corelation")
     with pytest.raises(InputError, match="quiet"):
         traces.velocity(quiet="early")
+    with pytest.raises(InputError, match="later quiet"):
+        traces.velocity(quiet=float(times[1]))
     # too high, too low for the record, and no number
     for lowpass in (6e5, 1.0, 1e-300, np.array([1e4, 2e4])):
         with pytest.raises(InputError, match="lowpass"):
