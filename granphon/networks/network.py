@@ -1568,8 +1568,8 @@ def register_reader(
 
     ``read`` takes the paths of files, and options, and returns a :class:`~granphon.ContactNetwork`;
     :meth:`ContactNetwork.from_table` makes one of arrays in SI. The function ``read`` itself is
-    returned. Raises :class:`~granphon.base.errors.InputError` for what cannot be called, and for a
-    name that is taken.
+    returned. Raises :class:`~granphon.base.errors.InputError` for what cannot be called, for a name
+    that another reader has, and for one that tables cannot show.
     """
     if not callable(read):
         raise InputError(f"{brief(read)} reads no files", mend="Give a function of paths")

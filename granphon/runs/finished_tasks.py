@@ -234,7 +234,7 @@ class Store:
 
     def _read(self, name: str) -> bytes:
         """Return the entry of a name, joined from its pieces; ValueError if there is none, or if
-        its SHA-256 or its name is another.
+        its SHA-256 or its name is another, and OutputError as :meth:`_query`.
         """
         rows = self._query("SELECT entry FROM task WHERE name = ? ORDER BY piece", name)
         entry = b"".join(piece for (piece,) in rows)
@@ -277,7 +277,8 @@ class Store:
 
     def _query(self, question: str, name: str) -> list[tuple[Any, ...]]:
         """Return the rows that answer ``question``, SQL with one place for the ``name``; no rows if
-        there is no file yet, or an empty one.
+        there is no file yet, or an empty one. OutputError if the file cannot be read, and as
+        :meth:`_connect`.
         """
         base = self._connect()
         try:

@@ -1067,13 +1067,13 @@ def _find_pulse_length(
     """Return the distance, m, that a ``pulse`` along the ``direction`` goes in an array of the
     simulation ``medium``, of which ``network`` is one cell.
 
-    The distance is 0 for a pulse that cannot be sent: a note stands in place of its numbers, and
-    takes no time.
+    A distance that the ``pulse`` gives is returned as it is, also one longer than the array. The
+    distance is 0 where :meth:`~granphon.waves.pulses.PulseSource.of` finds none.
     """
     # imported here: other scenes do not need it
     from granphon.waves.pulses import PulseSource
 
-    # the distance depends on the periods of the array, and not on its balls
+    # the array has longer periods than its cell, and the balls of one cell stand for all of them
     cell = network.cell.copy()
     cell[: len(medium.cells)] *= np.array(medium.cells)[:, None]
     names = ("pbc", "positions", "radii", "moving", "dimension")

@@ -1300,8 +1300,8 @@ def _write_notes(notes: Iterable[Check | str]) -> NDArray[Any]:
 
 def _join_notes(results: Iterable[TaskResult]) -> NDArray[Any]:
     """Return the notes on all ``results``, which are those of different loads, in the form of
-    :func:`_write_notes`: each sentence once, and each condition once, with its values at the loads
-    of all results.
+    :func:`_write_notes`: each sentence once, and once each condition that has the same limit and
+    reason in all results, with its values at the loads of all of them.
     """
     notes: dict[Any, Check | str] = {}
     for result in results:
