@@ -133,8 +133,8 @@ class Balls:
         return f"ball {row if self.labels is None else self.labels[row]}{line}"
 
     def find_faults(self) -> Faults:
-        """Return the balls that cannot be used: with a place, radius, mass or moment of inertia out
-        of range, or with a label that another ball has, too.
+        """Return the balls that cannot be used: with a place or radius out of range, with a mass or
+        moment of inertia that is not above zero, or with a label that another ball has, too.
         """
         faults = Faults(self.name, "balls", len(self.radii), self.describe)
         is_placed = np.all(np.abs(self.positions) < LARGEST_NUMBER, axis=1)

@@ -205,9 +205,9 @@ class PlannedCase:
         """Raise GranphonError if the packing has no such medium, if no medium can be chosen, or if
         the balls are found not to carry the least or the greatest of the loads.
 
-        States that are quick to find are solved at these two loads, and of a packing that repeats
-        the lattice of contacts is made, which must have contacts and be at rest. Media whose states
-        are not quick to find, such as simulations, refuse what they know without solving,
+        States that are quick to find are solved at these two loads; where the packing repeats, the
+        lattice of their contacts is made, which must have contacts and be at rest. Media whose
+        states are not quick to find, such as simulations, refuse what they know without solving,
         :meth:`granphon.media.medium.Medium.require`. A case that was not refused is not checked
         again.
         """
@@ -561,8 +561,8 @@ class Plan:
         label and its state.
 
         Quantities of a state have the shape (n,) for the n loads that the medium serves, or () if
-        the scene has one load. A state is solved when its turn comes; with ``quick`` simulations
-        and effective media of long lists are left out.
+        the scene has one load. A state is solved when its turn comes; ``quick`` leaves out
+        simulations and effective media of long lists.
         :class:`~granphon.base.errors.GranphonError` at the first medium that cannot carry the
         loads.
         """
