@@ -117,9 +117,9 @@ def warn_of_faults(network: Any) -> None:
     the source in which the fault stands, that of balls or that of contacts.
 
     There is no warning of rattlers, which are in the network only if they were asked for. There is
-    none of too few contacts either, if all balls have the same number of contacts, as in a lattice,
-    and the sums of forces are within their limit or are not compared: the modes of frequency zero
-    of a lattice are known.
+    none of too few contacts either, if all balls that move have the same number of contacts, as in
+    a lattice, and the sums of forces are within their limit or are not compared: the modes of
+    frequency zero of a lattice are known.
     """
     failures = {each.name: each for each in compare_numbers(network) if not each.holds}
     failures.pop("rattlers", None)
