@@ -1537,7 +1537,7 @@ def _tabulate_over_force(
     state = choice.of(fit.packing).at_force(force, finite_overlap=finite_overlap)
     values = {}
     for load in _LOADS:
-        # measured velocities do not determine the overlap of a simulation
+        # a simulation has another overlap at this force than the medium that stands in for it
         is_unknown = load == "overlap" and choice != fit.choice
         if load != "force" and not is_unknown:
             values[load] = np.asarray(getattr(state, load), float)

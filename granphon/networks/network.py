@@ -1048,8 +1048,9 @@ class ContactNetwork(Result):
         keep their forces, and get the stiffnesses that belong to the new material.
 
         Raises :class:`~granphon.base.errors.InputError` unless the network has one wall whose
-        material is known, for what is no material, and for a network without ``kinds`` that also
-        has contacts with other flat walls: which contacts are those of the wall is not known there.
+        material is known, for what is no material, for a ball at the wall of an unknown material,
+        and for a network without ``kinds`` that also has contacts with other flat walls: which
+        contacts are those of the wall is not known there.
         """
         from granphon.networks.cuts import change_wall
 

@@ -145,7 +145,7 @@ class Balls:
         why = ""
         if np.any(np.isinf(self.radii) & ~is_sized):
             why = "Only a body that does not move may have a radius of inf"
-        words = "a radius that is not above zero, or not finite"
+        words = "a radius that is not above zero, not finite, or too large"
         faults.note(~is_sized, words, values=self.radii, unit="m", why=why)
         for name, values, unit in (
             ("mass", self.masses, "kg"),
