@@ -235,12 +235,14 @@ class PlannedCase:
         return states
 
     def require_start(self, most: float) -> float:
-        """Raise GranphonError if a load is below the start of a loading with friction.
+        """Raise GranphonError if a load is below a start of a loading with friction that is given
+        by another kind of load, say an overlap where the loads are forces. Loads of the kind of the
+        start are compared in :meth:`require`.
 
-        A start that is given by another kind of load, say an overlap where the loads are forces,
-        must be solved for before the two can be compared. This is done for at most ``most`` balls,
-        all samples of the case together; a medium with more balls is left out. Returns how many of
-        the ``most`` balls remain for other cases.
+        Such a start must be solved for before the two can be compared. This is done for at most
+        ``most`` balls, as :meth:`~granphon.media.simulation.DirectSimulation.count_start` counts
+        those of all samples; a medium with more balls is left out. Returns how many of the ``most``
+        balls remain for other cases.
         """
         n_remaining = most
         for serving in self.serving_media:
