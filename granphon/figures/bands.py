@@ -251,8 +251,9 @@ def _find_name_direction(corner: Array, ends: Array, middle: Array, periods: int
 def _name_corners_of_zone(
     ax: Axes, labels: Sequence[str], ends: Array, outline: Array, periods: int
 ) -> None:
-    """Draw a dot and a name at each corner of a path. On the paper the segments of the path have
-    the ``ends`` (n, 2, 2), and the zone has an ``outline`` with the corners (m, 2).
+    """Draw a dot at each corner of a path, and its name unless its label has fractions alone. On
+    the paper the segments of the path have the ``ends`` (n, 2, 2), and the zone has an ``outline``
+    with the corners (m, 2).
     """
     corners = {}  # places (2,) by the names in the figure
     for segment, (start, end) in enumerate(ends):
@@ -298,7 +299,8 @@ def _find_free_direction(corner: Array, ends: Array) -> Array:
 
 def _choose_view(corners: Array, faces: list[Array]) -> View:
     """Return the view in which the corners (n, 3) of a path are seen best: far apart on the paper,
-    and on the near side. No face, each with its corners (m, 3), is seen along its plane.
+    and on the near side. Views along the plane of one of the ``faces``, each with its corners
+    (m, 3), count as bad.
     """
     distinct_corners = np.unique(np.round(corners, 9), axis=0)
     middles = np.array([face.mean(axis=0) for face in faces])

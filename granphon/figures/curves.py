@@ -269,7 +269,7 @@ class Curve:
     valid : where the medium is valid.
     simulated : where a simulation gave the values, or they are data: such values are drawn as
         points, the others as a line.
-    served : for an automatic medium the name of the medium that served each load; else empty.
+    served : for an automatic medium the label of the medium that served each load; else empty.
     units : the units of x and y.
     is_measured : whether the values are data.
     is_path : whether the values are in the order of a path, on which the loads go up and down.
@@ -518,9 +518,10 @@ def read_values(dataset: Dataset, name: str, run: str = "") -> Any:
     """Return the variable ``name`` of a data set, an array with the axis "load"; ``run`` names the
     data set in messages.
 
-    Raises :class:`~granphon.base.errors.InputError` for a ``name`` that the data set does not have,
-    for a variable that is not one number or truth value at each load, and for one without a finite
-    value; :class:`~granphon.base.errors.FigureError` for a number beyond the axes of matplotlib.
+    Raises :class:`~granphon.base.errors.InputError` for a ``name`` that is no text or that the data
+    set does not have, for a variable that is not one number or truth value at each load, and for
+    one without a finite value; :class:`~granphon.base.errors.FigureError` for a number beyond the
+    axes of matplotlib.
     """
     quantities = list_quantities(dataset, "fiub")
     if require("variable", text, name) not in dataset.variables:
@@ -1537,7 +1538,7 @@ def _tabulate_over_force(
     state = choice.of(fit.packing).at_force(force, finite_overlap=finite_overlap)
     values = {}
     for load in _LOADS:
-        # measured velocities do not determine the overlap of a simulation
+        # a simulation has another overlap at this force than the medium that stands in for it
         is_unknown = load == "overlap" and choice != fit.choice
         if load != "force" and not is_unknown:
             values[load] = np.asarray(getattr(state, load), float)

@@ -205,8 +205,8 @@ class _BallValues:
     def of(cls, network: ContactNetwork, color: Any) -> _BallValues:
         """Return the numbers of a ``color`` of :func:`plot_forces`, one of each ball and wall.
 
-        Raises InputError for another word, for numbers that are not one of each, and for "spin"
-        in a network whose balls do not turn.
+        Raises InputError for another word, and for numbers that are not finite or not one of each;
+        and what the functions of :data:`_COLOURED_BY` raise, as :func:`_find_spin`.
         """
         if not isinstance(color, str):
             numbers = finite_array("color", color)

@@ -223,7 +223,7 @@ def plot_network_mode(
     Contacts across the edge of a period and flat walls are left out. Of more than 500 balls the 500
     with the most kinetic energy are drawn, and the title gives their number. In space the other
     balls, and those whose amplitude is below 5 % of the greatest, are points, so that those that
-    move are seen; more than 20 000 balls are not drawn.
+    move are seen; with these, at most 20 000 balls are drawn.
 
     With ``show="sensitivity"`` the contacts are drawn in place of the balls' motions. The larger
     the share of a contact in the frequency (``modes.contact_shares``), the darker and wider is its
@@ -428,7 +428,7 @@ def animate_mode(
     writer="pillow")``.
 
     Spheres move, and great circles on them turn; balls that stay in their plane are drawn as by
-    :func:`plot_mode`, of which the arguments are the same. ``frames`` is the number of pictures in
+    :func:`plot_mode`, whose arguments the others are. ``frames`` is the number of pictures in
     a period, 2 to 1000. Raises what :func:`plot_mode` raises, and
     :class:`~granphon.base.errors.InputError` for another number of frames.
     """

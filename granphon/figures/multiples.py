@@ -59,8 +59,8 @@ def draw_panels(
 
     ``draw`` draws the states of a panel on its Axes, and returns what was drawn. ``label`` scales
     and names the axes of an Axes; it takes the Axes and the curves of all panels. With columns
-    alone the panels stand in lines of three. The figure is one column wide, or as wide as a page if
-    more than three panels stand side by side.
+    alone the panels stand in lines of three at most. The figure is one column wide, or as wide as a
+    page if more than three panels stand side by side.
     """
     has_lines = layout.rows is None
     numbers_of_rows = layout.list_numbers(dataset, layout.rows)

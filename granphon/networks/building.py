@@ -245,10 +245,10 @@ class Source:
         notes on contacts that are left out because they have no force.
 
         ``positions`` are (n, 3), m; ``pbc`` (3,) says along which vectors the network repeats. The
-        tangential forces are left out if a list has none, or if no list has more of them than the
-        rounding of normal forces. If some lists have static torques of rolling and twist, the
-        torques of the other lists are zero. Raises and warns as :meth:`_join_balls` and
-        :meth:`_Joined.complete` do.
+        tangential forces are left out if a list has none, or if those of all lists are the rounding
+        of force vectors (:attr:`_Joined.is_normal`). If some lists have static torques of rolling
+        and twist, the torques of the other lists are zero. Raises and warns as :meth:`_join_balls`
+        and :meth:`_Joined.complete` do.
         """
         joined_lists = self._join_balls(positions, pbc, drops=completion.bad == "drop")
         fields_of_lists = [joined.complete(self.balls, completion) for joined in joined_lists]
@@ -389,8 +389,8 @@ class Source:
         return not any(np.any(np.abs(rise) > limit) for rise, limit in rises)
 
     def _judge_material(self, material: Material) -> None:
-        """Warn of a density or a Young modulus that was probably given in another unit, where the
-        network depends on that number.
+        """Warn of a density or a Young modulus that was probably given in another unit; of the
+        density only if the source has no masses.
         """
         for attribute, name, unit, limit, at_least in BALL_LIMITS.values():
             # where the source has masses, nothing follows from the density
@@ -516,8 +516,8 @@ class _Joining:
         and overlaps.
 
         Notes, as faults, contacts with a flat wall that have no normal, contacts of two flat walls
-        that have no stiffness, contacts across a side that is not periodic, contacts whose balls
-        are not near each other, and contacts that are listed twice.
+        that have no stiffness, contacts whose balls are not near each other, contacts that are
+        listed twice, and what :meth:`_take_shift` does.
         """
         balls = self.places.balls
         radii_i = balls.radii[i]
@@ -539,7 +539,7 @@ class _Joining:
         normal = contacts.normal
         has_overlap = np.isfinite(sum_of_radii)
         if normal is None:
-            # the normal of two balls in one place is nan, which the network refuses
+            # the normal of two balls in one place is nan: they count as not near, below
             with np.errstate(invalid="ignore", divide="ignore"):
                 normal = vector / distance[:, None]
         else:
@@ -563,7 +563,9 @@ class _Joining:
         """Return the whole cells (m, 3) by which balls j are displaced: those of the source, or
         else those that :meth:`_find_shift` finds, which has the same arguments.
 
-        Notes, as faults, contacts across a side that is not periodic.
+        Notes, as faults, contacts across a side that is not periodic; and, where shifts are sought,
+        vectors that lead to no image of ball j, balls that touch at several images, and balls that
+        are too many cells apart.
         """
         shift = contacts.shift
         if shift is None:
@@ -755,7 +757,8 @@ class _Joining:
         those of the source, or else the parts of its force vectors. Each is None if the source has
         neither.
 
-        Notes as faults: force vectors that pull, unless contacts are adhesive; tangential forces of
+        Notes as faults: force vectors that pull and stand for normal forces, unless contacts are
+        adhesive; tangential forces of
         the source that are not across the normals; and contacts for which neither force nor overlap
         is known.
         """

@@ -117,9 +117,9 @@ def warn_of_faults(network: Any) -> None:
     the source in which the fault stands, that of balls or that of contacts.
 
     There is no warning of rattlers, which are in the network only if they were asked for. There is
-    none of too few contacts either, if all balls have the same number of contacts, as in a lattice,
-    and the sums of forces are within their limit or are not compared: the modes of frequency zero
-    of a lattice are known.
+    none of too few contacts either, if all balls that move have the same number of contacts, as in
+    a lattice, and the sums of forces are within their limit or are not compared: the modes of
+    frequency zero of a lattice are known.
     """
     failures = {each.name: each for each in compare_numbers(network) if not each.holds}
     failures.pop("rattlers", None)
@@ -162,7 +162,7 @@ def _can_balance(network: Any) -> bool:
 
     There must be static forces, and balls that move. With prestress, by which static forces act on
     waves, the sums are then compared. Without prestress they are compared only if no force is
-    missing. Tangential forces must be known, unless contacts bear none. The network must repeat
+    missing: tangential forces must be known, unless contacts bear none; and the network must repeat
     along all axes, or have bodies that do not move, so that nothing outside of it holds its balls.
     """
     if not np.any(network.normal_force) or not np.any(network.moving):
@@ -262,7 +262,7 @@ class _Overlaps:
     contacts : (m,) indices of these contacts in the network.
     overlaps : (m,) overlaps that follow from places and radii, m; below zero for balls apart.
     greatest_errors, errors : (m,) greatest and standard errors that rounding leaves in the
-        overlaps, m.
+        overlaps, m; a greatest error is at least :data:`_LEAST_OVERLAP` times the sum of the radii.
     linear_overlaps : (m,) force over normal stiffness, m: by Hertz's law 2/3 of the overlap.
     is_strong : (m,) whether the force of a contact is the median force of these contacts or more.
     """
@@ -330,7 +330,8 @@ class _Overlaps:
 
 def _compare_law(network: Any) -> Iterator[Comparison]:
     """Yield the comparisons of the stiffnesses of contacts with Hertz's law under their forces, if
-    materials are known, and of their forces with the law at their overlaps.
+    materials are known and forces are not proportional to overlaps, and of their forces with the
+    law at their overlaps.
 
     Medians are over the contacts with the median force or more, as the overlaps of the others have
     large relative errors. Nothing is yielded if contacts are adhesive or known to have another law
@@ -539,12 +540,13 @@ def _compare_scatter(
 
 
 def _find_odd_forces(network: Any, overlaps: _Overlaps, power: float, median_ratio: float) -> Flags:
-    """Return (m,) whether the force of each contact is far from that of the law at the overlap,
-    and no rounding of the places explains that.
+    """Return (m,), for each of the contacts of the ``overlaps``, whether its force is more than
+    ten times that of the law at the overlap, or less than a tenth, beside ``median_ratio``, the
+    median of the forces of the law over those of the contacts, and no rounding of the places
+    explains that.
 
-    By the law forces go as the ``power`` of overlaps; ``median_ratio`` is the median of the forces
-    of the law over those of the contacts. A contact with a weak force counts only if the law makes
-    a strong one of the overlap.
+    By the law forces go as the ``power`` of overlaps. A contact with a weak force counts only if
+    the law makes a strong one of the overlap.
     """
     # the ratios that rounding of the places allows
     lowest_ratios = overlaps.find_ratios(power, -overlaps.greatest_errors) / median_ratio

@@ -39,7 +39,7 @@ _STIFFNESS_TOLERANCE = 1e-6
 def cut_network(
     network: Any, layers: Layers, count: int, edges: Sequence[str | Wall]
 ) -> dict[str, Any]:
-    """Return the fields of a cut of a network that differ from those of the network, by name.
+    """Return the fields of a cut of a network that may differ from those of the network, by name.
 
     The cut has ``count`` layers, whose vectors are ``layers``; ``edges`` say how the lower and the
     upper face are held. Errors are those of
@@ -265,7 +265,7 @@ def _press_on_floor(
 
 def name_kinds(network: Any, balls: Index, model: ContactModel, face: str) -> list[str]:
     """Return the names (m,) of the kinds of ``balls`` (m,), indices in the network; an empty list
-    where the contact model has one kind without a name.
+    where the network or the contact model names none, as there is one kind alone.
 
     InputError for balls whose material is not known; ``face`` names their face in the message.
     """
@@ -280,7 +280,7 @@ def name_kinds(network: Any, balls: Index, model: ContactModel, face: str) -> li
     other_names = sorted(set(names) - set(model.names))
     if other_names:
         fault = f"no material is known of balls of the kind {other_names[0]!r}"
-        raise InputError(fault, f"It is of {', '.join(model.names)}")
+        raise InputError(fault, f"Materials are known of {', '.join(model.names)}")
     return names
 
 
@@ -394,7 +394,8 @@ class _LayerStack:
         lower face (``side`` -1) or the upper one (+1).
 
         Each ball presses on the floor with the force of the contacts that the ball has lost there.
-        The force has a part along the floor only if the network has tangential forces.
+        The part of the force along the floor is kept if the network has tangential forces, and is
+        zero otherwise.
 
         With ``allows_unpressed``, which is for faces of balls of different sizes, a ball of the
         face that has lost no contact stands on no floor. InputError for such a ball without

@@ -157,9 +157,10 @@ def _list_demands_on_geometry(network: Any) -> Iterator[_Demand]:
 
 
 def _list_demands_on_range(network: Any) -> Iterator[_Demand]:
-    """Yield the demands that masses, radii, moments of inertia, forces and stiffnesses are so far
-    from zero and infinity that products of a few of them stay within the range of floats. Forces,
-    and stiffnesses other than the normal ones, may be zero or near to it.
+    """Yield the demands that masses, radii and moments of inertia of balls that move, forces and
+    stiffnesses, those of springs to the ground too, are so far from zero and infinity that products
+    of a few of them stay within the range of floats. Forces, and stiffnesses other than the normal
+    ones, may be zero or near to it.
     """
     for name in NUMBERS_OF_BALLS:
         values = getattr(network, name)

@@ -307,9 +307,9 @@ class Lines:
         move on to the line after them.
 
         ``count`` is -1 if the file has not said how many rows there are. InputError for this; for a
-        list of another ``kind`` than is needed; for a file that ends before the last row does; for
-        a further row below the last one; and for the name of a column with other letters than
-        programs write.
+        list of another ``kind`` than is needed; for a file that ends before the last row does, or
+        that is cut there (:meth:`refuse_cut`); for a further row below the last one; and for the
+        name of a column with other letters than programs write.
         """
         if frame.kind != kind:
             required = "atoms (dump custom)" if kind == "atoms" else "pairs (dump local)"

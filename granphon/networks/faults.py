@@ -131,7 +131,10 @@ def settle(lists: Sequence[Faults], drops: bool) -> None:
     if drops and may_drop:
         warn_caller(f"{text} They are left out.", InconsistencyWarning)
         return
-    leaves_some = any(not np.all(faults.is_bad) for faults in lists_with_faults)
+    # a list of walls may have no fault where all pairs have one
+    leaves_some = any(
+        faults.subject == "contacts" and not np.all(faults.is_bad) for faults in lists
+    )
     mend = ""
     if may_drop and leaves_some:
         mend = "Mend them, or leave them out: bad='drop'"

@@ -754,8 +754,9 @@ def _write_wall(network: Any, name: str, contacts: Index) -> dict[str, Array]:
 
 
 def _warn_of_lost(network: Any) -> None:
-    """Warn, once, of what a network has and dumps leave out, with the scatter of stiffnesses that
-    are not of one material; those of one material follow from it.
+    """Warn, once, of the numbers of a network that dumps leave out and that change its modes: of
+    stiffnesses that are not of one material, with their scatter, as others follow from the
+    material; and of those that :meth:`~granphon.networks.network.ContactNetwork.write_dumps` names.
     """
     is_at_wall = np.isinf(network.radii[network.j])
     losses = list[str]()

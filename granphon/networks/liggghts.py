@@ -75,8 +75,8 @@ def read_liggghts(
     """Return the balls and contacts of dumps of one time step and one box, in SI units; see
     ``ContactNetwork.from_liggghts`` for the arguments and errors.
 
-    Contacts with walls, if their dump is given, are the second list of contacts, and each mesh is
-    one more body.
+    Contacts with walls, if their dump is given, are the second list of contacts, and each mesh that
+    a ball touches is one more body.
     """
     atoms, contact_frame = find_frames(dump, pairs, step)
     scales = Scales.find(units, [atoms, contact_frame])

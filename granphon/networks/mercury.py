@@ -274,8 +274,8 @@ def _read_restart(
     move.
 
     The cell has the vectors of the periodic boundaries of the file, and is zero along other axes;
-    its vectors are periods unless ``pbc`` says otherwise. InputError for a file that is cut, and if
-    ``frozen`` is given, which the file itself says.
+    its vectors are periods unless ``pbc`` says otherwise. InputError for a file that is cut or
+    lacks a number, and if ``frozen`` is given, as the file itself says which balls are fixed.
     """
     if frozen is not None:
         fault = f"{lines.name} says which balls are fixed, and frozen is given"

@@ -105,7 +105,7 @@ class ContactNetwork(Result):
         None if they are not known. With prestress they stay across the contacts as these turn, as
         in LAMMPS, and change with the overlap as the ``tangential_law`` says.
     motions : "longitudinal", "in_plane", "out_of_plane" or "all": the motions of each ball. Balls
-        rotate only if some contact resists it.
+        rotate only if some contact or spring to the ground resists it.
     contact_torque : (n_c, 3) static torques of rolling and twist, with which ball i acts on ball j,
         N m, beside those of tangential forces; None: not known, or none. With ``prestress`` they
         turn with their contacts.
@@ -133,14 +133,14 @@ class ContactNetwork(Result):
         both directions, as delta^(3/4) and delta^(1/4).
     slip_levers : the levers by which rotations of balls make slip. "arms": the distances ``arm_i``
         and ``arm_j``, which are also the levers of torques. "radii", as in ``pair_style granular``
-        of LAMMPS: the radii, which exceed the arms by half of the overlap, and are the arms at flat
-        walls; with ``prestress`` slip then has no potential. "yade": the radii, and displacements
-        across the contact count (R_i + R_j)/r times, with the radii R and the distance r of the
-        centres, so that no slip is left of a rotation of both balls together; a flat wall counts as
-        the mirror image of the ball, and the arm at it ends there. The excess is of the order of
-        the terms of static forces: without ``prestress`` both are neglected, and the levers are the
-        arms. Motions of any amplitude (:class:`~granphon.NonlinearWaves`) have the levers
-        "arms" or "radii" alone.
+        of LAMMPS: the radii, which exceed the arms by half of the overlap, but for flat walls of
+        LAMMPS, at which the arm is the radius; with ``prestress`` slip then has no potential.
+        "yade": the radii, and displacements across the contact count (R_i + R_j)/r times, with the
+        radii R and the distance r of the centres, so that no slip is left of a rotation of both
+        balls together; a flat wall counts as the mirror image of the ball, and the arm at it ends
+        there. The excess is of the order of the terms of static forces: without ``prestress`` both
+        are neglected, and the levers are the arms. Motions of any amplitude
+        (:class:`~granphon.NonlinearWaves`) have the levers "arms" or "radii" alone.
 
     Raises
     ------
@@ -1048,8 +1048,9 @@ class ContactNetwork(Result):
         keep their forces, and get the stiffnesses that belong to the new material.
 
         Raises :class:`~granphon.base.errors.InputError` unless the network has one wall whose
-        material is known, for what is no material, and for a network without ``kinds`` that also
-        has contacts with other flat walls: which contacts are those of the wall is not known there.
+        material is known, for what is no material, for a ball at the wall of an unknown material,
+        and for a network without ``kinds`` that also has contacts with other flat walls: which
+        contacts are those of the wall is not known there.
         """
         from granphon.networks.cuts import change_wall
 
@@ -1508,7 +1509,8 @@ class ContactNetwork(Result):
         names of one file, for ``labels`` of the size 2^53 or more, which could not be read again,
         and, in a CSV file, for ``kinds`` with spaces at their ends, which could not either; and
         OutputError for files that granphon has not written, for folders, and if a file cannot be
-        written. Neither file is written then, unless the second one cannot be moved to its place.
+        written. Neither file is written then, unless one of them is at its place already when the
+        other cannot be moved there.
         """
         from granphon.networks.tables import write_tables
 
@@ -1545,7 +1547,8 @@ class ContactNetwork(Result):
         what is no name of a file, for two names of one file, for ``labels`` of the size 2^53 or
         more, which could not be read again, and for negative ``labels`` that the reader gives to
         walls; and OutputError for files that are there and are not such dumps of granphon's own, as
-        dumps of LAMMPS, and if a file cannot be written. Neither file is written then.
+        dumps of LAMMPS, and if a file cannot be written. Neither file is written then, unless one
+        of them is at its place already when the other cannot be moved there.
         """
         from granphon.networks.lammps import write_dumps
 
@@ -1568,8 +1571,8 @@ def register_reader(
 
     ``read`` takes the paths of files, and options, and returns a :class:`~granphon.ContactNetwork`;
     :meth:`ContactNetwork.from_table` makes one of arrays in SI. The function ``read`` itself is
-    returned. Raises :class:`~granphon.base.errors.InputError` for what cannot be called, and for a
-    name that is taken.
+    returned. Raises :class:`~granphon.base.errors.InputError` for what cannot be called, for a name
+    that another reader has, and for one that tables cannot show.
     """
     if not callable(read):
         raise InputError(f"{brief(read)} reads no files", mend="Give a function of paths")

@@ -39,8 +39,9 @@ def find_rattlers(network: Any, held_by: int | None = None) -> Index:
 
 
 def find_most_held_by(network: Any, most: int) -> int:
-    """Return the greatest ``held_by``, a number of contacts up to ``most``, with which
-    :func:`find_rattlers` leaves a ball that moves; 0 if there is no such number above 0.
+    """Return the greatest ``held_by``, up to ``most`` and to the number of contacts of the ball
+    that has most, with which :func:`find_rattlers` leaves a ball that moves; 0 if there is no such
+    number above 0.
     """
     counts = np.bincount(np.concatenate([network.i, network.j]), minlength=network.n_balls)
     low = 0
@@ -66,7 +67,8 @@ class _Hold:
         to the ground resist all of its displacements.
     i, j : (m,) the balls of the contacts that carry load; in an adhesive network of all contacts,
         which are stiff without a force, too.
-    sizes : (m,) the magnitudes of the forces of these contacts, N, or 1 if no contact has a force.
+    sizes : (m,) the magnitudes of the normal forces of these contacts, N, or 1 if no contact has a
+        force.
     forces : (m, 3) these forces as vectors, of i on j.
     counts : (n,) number of these contacts that each ball has.
     total_sizes, total_forces : (n,) and (n, 3) the sums of the sizes, and of the vectors, of the

@@ -133,8 +133,8 @@ class Balls:
         return f"ball {row if self.labels is None else self.labels[row]}{line}"
 
     def find_faults(self) -> Faults:
-        """Return the balls that cannot be used: with a place, radius, mass or moment of inertia out
-        of range, or with a label that another ball has, too.
+        """Return the balls that cannot be used: with a place or radius out of range, with a mass or
+        moment of inertia that is not above zero, or with a label that another ball has, too.
         """
         faults = Faults(self.name, "balls", len(self.radii), self.describe)
         is_placed = np.all(np.abs(self.positions) < LARGEST_NUMBER, axis=1)
@@ -145,7 +145,7 @@ class Balls:
         why = ""
         if np.any(np.isinf(self.radii) & ~is_sized):
             why = "Only a body that does not move may have a radius of inf"
-        words = "a radius that is not above zero, or not finite"
+        words = "a radius that is not above zero, not finite, or too large"
         faults.note(~is_sized, words, values=self.radii, unit="m", why=why)
         for name, values, unit in (
             ("mass", self.masses, "kg"),

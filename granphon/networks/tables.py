@@ -145,10 +145,11 @@ class _Columns:
         """Read the table ``source``, the path of a file or arrays by name.
 
         ``subject`` is "balls" or "contacts". ``known`` has the quantities of the columns that are
-        read, by name, None for whole numbers and words; ``columns`` has the headings of columns
-        that go by other names. InputError for a file that cannot be read, a name that seems
-        misspelled, wrong units or cells, and columns of different lengths. Warns of a file without
-        a digest that may be cut.
+        read, by name, None for numbers without a unit and for words; ``columns`` has the headings
+        of columns that go by other names. InputError for a file that cannot be read, contacts in
+        place of balls, a heading in ``columns`` that the table lacks, a name that seems misspelled,
+        wrong units or cells, and columns of different lengths. Warns of a file without a digest
+        that may be cut.
         """
         self.remark: dict[str, Any] = {}
         self.sealed: bool | None = None
@@ -209,8 +210,9 @@ class _Columns:
         self, path: str | os.PathLike[str], known: Mapping[str, Quantity | None]
     ) -> Iterator[Table]:
         """Return the pieces of the table in the file at ``path``, and set ``remark`` and
-        ``sealed``; ``known`` are the quantities of columns by name. InputError for a file whose
-        digest does not fit; warns if a file without a digest has no line break at its end.
+        ``sealed``; ``known`` are the quantities of columns by name. InputError for a file that
+        cannot be read, or whose digest does not fit; warns if a CSV file without a digest has no
+        line break at its end.
         """
         if _is_frame(path):
             from granphon.networks.extxyz import read_frame  # not needed for CSV

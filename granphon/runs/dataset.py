@@ -1312,10 +1312,10 @@ class SweepAccessor:
 
         Raises
         ------
-        InputError : a name that the data set does not have, or of what are no numbers or are the
-            same at all loads; fewer than three loads, loads that do not ascend or are nan, loads or
-            values that are not above zero; and ``over`` with a dimension that the variable does not
-            have, such as the medium.
+        InputError : a name that is not that of a variable of numbers with the dimension of loads;
+            fewer than three loads, loads that do not ascend or are nan, loads or values that are
+            not above zero; and ``over`` with a dimension that the variable does not have, such as
+            the medium.
         """
         data = self._dataset
         over = find_load(data) if over is None else over
@@ -1373,11 +1373,13 @@ def _require_over_loads(dataset: Dataset, name: str) -> None:
 
 def _find_slopes(x: Array, y: Array) -> Array:
     """Return the slopes dy/dx (n, ...) of values ``y`` over ``x``, both (n, ...), along the first
-    axis: at each point that of the parabola through the point and its neighbours.
+    axis: at each point that of the parabola through the point and its neighbours, at an end the two
+    points next to it. A slope is nan where one of the three values is.
     """
     columns = zip(x.reshape(len(x), -1).T, y.reshape(len(y), -1).T, strict=True)
     slopes = [np.gradient(y_column, x_column, edge_order=2) for x_column, y_column in columns]
-    return np.transpose(slopes).reshape(y.shape)
+    # the slope amid equal steps is found without the value in the middle
+    return np.where(np.isnan(y), np.nan, np.transpose(slopes).reshape(y.shape))
 
 
 def register_accessor() -> None:

@@ -291,9 +291,9 @@ class _Work:
                         self.store.append(self.tasks[index].name, result.entry)
 
     def _has_suspect(self) -> bool:
-        """Whether the next task, of one or more that wait, or a task under way is a suspect. With a
-        suspect all but one of :data:`MOST_LOSSES` workers have been lost, or more; it is to run
-        alone.
+        """Whether the next of the tasks that wait, of which there is one or more, or a task under
+        way is a suspect: a task with which one worker less than :data:`MOST_LOSSES` has been lost,
+        or more, and which is to run alone.
         """
         suspects = {index for index, losses in self.losses.items() if losses >= MOST_LOSSES - 1}
         return not suspects.isdisjoint(chain([self.waiting[0]], *self.running.values()))
@@ -341,7 +341,7 @@ class _Work:
         of them if its worker was lost.
 
         Raises the error of a task; GranphonError if a scheduler does not answer, or if too many
-        workers were lost (:meth:`_count_losses`).
+        workers were lost (:meth:`_count_losses`); and OutputError if a result cannot be kept.
         """
         results: list[StepResult] = []
         try:

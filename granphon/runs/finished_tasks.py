@@ -135,7 +135,8 @@ class Store:
 
     The file is made when the first result is kept; its folder must exist, and be locked by the
     caller against other writers. It belongs to one work, see :meth:`claim`; ``force`` lets another
-    work discard its results.
+    work discard its results. What reads or writes results raises OutputError for a file that is no
+    store, cannot be read or is damaged, but for :meth:`read`, which returns None.
     """
 
     def __init__(self, path: str | os.PathLike[str] | None = None, force: bool = False) -> None:
@@ -234,7 +235,7 @@ class Store:
 
     def _read(self, name: str) -> bytes:
         """Return the entry of a name, joined from its pieces; ValueError if there is none, or if
-        its SHA-256 or its name is another.
+        its SHA-256 or its name is another, and OutputError as :meth:`_query`.
         """
         rows = self._query("SELECT entry FROM task WHERE name = ? ORDER BY piece", name)
         entry = b"".join(piece for (piece,) in rows)
@@ -277,7 +278,8 @@ class Store:
 
     def _query(self, question: str, name: str) -> list[tuple[Any, ...]]:
         """Return the rows that answer ``question``, SQL with one place for the ``name``; no rows if
-        there is no file yet, or an empty one.
+        there is no file yet, or an empty one. OutputError if the file cannot be read, and as
+        :meth:`_connect`.
         """
         base = self._connect()
         try:
@@ -292,7 +294,8 @@ class Store:
 
         With ``make``, which is for writing, a file that is missing is made, and OutputError is
         raised if the file, or the folder that was claimed, has been removed or replaced. A damaged
-        file is discarded if ``force`` is on, and is an OutputError if not.
+        file is discarded if ``force`` is on, and is an OutputError if not. OutputError too for a
+        file that cannot be opened, or is no store.
         """
         path = self.path
         try:
@@ -410,7 +413,8 @@ class Store:
 
     def clear(self) -> None:
         """Close the store and delete its file, with every result; a file that has replaced it
-        stays. A store in memory loses its results.
+        stays. A store in memory loses its results. OutputError if the file is not open, and its
+        path is that of something else than a store.
         """
         if self.path is None:
             has_own_file = False

@@ -205,9 +205,9 @@ class PlannedCase:
         """Raise GranphonError if the packing has no such medium, if no medium can be chosen, or if
         the balls are found not to carry the least or the greatest of the loads.
 
-        States that are quick to find are solved at these two loads, and of a packing that repeats
-        the lattice of contacts is made, which must have contacts and be at rest. Media whose states
-        are not quick to find, such as simulations, refuse what they know without solving,
+        States that are quick to find are solved at these two loads; where the packing repeats, the
+        lattice of their contacts is made, which must have contacts and be at rest. Media whose
+        states are not quick to find, such as simulations, refuse what they know without solving,
         :meth:`granphon.media.medium.Medium.require`. A case that was not refused is not checked
         again.
         """
@@ -235,12 +235,14 @@ class PlannedCase:
         return states
 
     def require_start(self, most: float) -> float:
-        """Raise GranphonError if a load is below the start of a loading with friction.
+        """Raise GranphonError if a load is below a start of a loading with friction that is given
+        by another kind of load, say an overlap where the loads are forces. Loads of the kind of the
+        start are compared in :meth:`require`.
 
-        A start that is given by another kind of load, say an overlap where the loads are forces,
-        must be solved for before the two can be compared. This is done for at most ``most`` balls,
-        all samples of the case together; a medium with more balls is left out. Returns how many of
-        the ``most`` balls remain for other cases.
+        Such a start must be solved for before the two can be compared. This is done for at most
+        ``most`` balls, as :meth:`~granphon.media.simulation.DirectSimulation.count_start` counts
+        those of all samples; a medium with more balls is left out. Returns how many of the ``most``
+        balls remain for other cases.
         """
         n_remaining = most
         for serving in self.serving_media:
@@ -561,8 +563,8 @@ class Plan:
         label and its state.
 
         Quantities of a state have the shape (n,) for the n loads that the medium serves, or () if
-        the scene has one load. A state is solved when its turn comes; with ``quick`` simulations
-        and effective media of long lists are left out.
+        the scene has one load. A state is solved when its turn comes; ``quick`` leaves out
+        simulations and effective media of long lists.
         :class:`~granphon.base.errors.GranphonError` at the first medium that cannot carry the
         loads.
         """
@@ -1067,13 +1069,13 @@ def _find_pulse_length(
     """Return the distance, m, that a ``pulse`` along the ``direction`` goes in an array of the
     simulation ``medium``, of which ``network`` is one cell.
 
-    The distance is 0 for a pulse that cannot be sent: a note stands in place of its numbers, and
-    takes no time.
+    A distance that the ``pulse`` gives is returned as it is, also one longer than the array. The
+    distance is 0 where :meth:`~granphon.waves.pulses.PulseSource.of` finds none.
     """
     # imported here: other scenes do not need it
     from granphon.waves.pulses import PulseSource
 
-    # the distance depends on the periods of the array, and not on its balls
+    # the array has longer periods than its cell, and the balls of one cell stand for all of them
     cell = network.cell.copy()
     cell[: len(medium.cells)] *= np.array(medium.cells)[:, None]
     names = ("pbc", "positions", "radii", "moving", "dimension")

@@ -308,9 +308,10 @@ class _Quantities:
         self._points: Array | None = None
 
     def find(self, state: Any) -> Array:
-        """Return the values (quantities,) of a state, a network, or a state at another wall; nan
-        for quantities that the state does not have. The first call, with the unchanged state, fixes
-        wave vectors and numbers of waves for all others.
+        """Return the values (n,) of a state, a network, or a state at another wall: the quantities,
+        and then the frequencies, Hz, of the waves of the edge, if there is one; nan for what the
+        state does not have. The first call, with the unchanged state, fixes wave vectors and
+        numbers of waves for all others.
         """
         if isinstance(state, _AtWall):  # the wall of an edge has no effect on the bulk
             assert self._first is not None

@@ -180,7 +180,8 @@ def sweep(
         another class, a ``path`` that is no path or does not end in .nc, ``resume`` without a path,
         and a flag, such as ``gaps`` or ``overwrite``, that is no truth value.
     MechanismError : a lattice is a mechanism; raised before anything is computed. With bands, gaps,
-        cutoffs or onsets, velocities and moduli are left out instead, with a warning.
+        cutoffs, onsets, a response, a motion or modes, velocities and moduli are left out instead,
+        with a warning.
     InstabilityError : with finite overlap, a lattice buckles.
     FileExistsInRunError : the files exist, or finished tasks of another sweep or version do, and
         ``overwrite`` is off; raised before anything is computed.

@@ -253,8 +253,8 @@ class Case:
         return ", ".join(filter(None, (self.medium.label, self.where)))
 
     def name(self, serving: ServingMedium) -> str:
-        """Return the label of ``serving``, one of the media that serve the loads: that of the case,
-        which that of the medium itself follows where it was chosen automatically.
+        """Return the label of ``serving``, one of the media that serve the loads: the label of the
+        case, and behind it, where the medium was chosen automatically, that of the medium itself.
         """
         if serving.chosen_automatically:
             return f"{self.label}: {serving.medium.label}"
@@ -687,10 +687,10 @@ class MediumTask(Task):
         """Return the numbers of the state of an ``analysis`` by name, at each load (loads, ...) or,
         of a single state, without this axis, and notes on numbers that are not known.
 
-        The numbers are the attributes of the state; velocities and moduli if these are requested,
-        or if long waves move all balls; and exponents if these are requested. Raises MechanismError
-        for a lattice without velocities if velocities are requested; otherwise a note says that
-        they are left out.
+        The numbers are the attributes of the state; velocities and moduli if long waves move all
+        balls, or if a lattice without velocities is an error (``sound`` of the request); and
+        exponents if these are requested. Raises MechanismError if such a lattice is an error;
+        otherwise a note says that velocities and moduli are left out.
         """
         request = self.request
         packing = self.serving.packing
@@ -1300,8 +1300,8 @@ def _write_notes(notes: Iterable[Check | str]) -> NDArray[Any]:
 
 def _join_notes(results: Iterable[TaskResult]) -> NDArray[Any]:
     """Return the notes on all ``results``, which are those of different loads, in the form of
-    :func:`_write_notes`: each sentence once, and each condition once, with its values at the loads
-    of all results.
+    :func:`_write_notes`: each sentence once, and once each condition that has the same limit and
+    reason in all results, with its values at the loads of all of them.
     """
     notes: dict[Any, Check | str] = {}
     for result in results:

@@ -761,10 +761,12 @@ def _find_distances(motion: Motion, source: Index) -> Array:
     shifts = [[-1, 0, 1] if is_periodic else [0] for is_periodic in network.pbc]
     cells = np.array(list(product(*shifts)))  # (n_cells, axes), whole numbers
     offsets = cells @ network.cell
-    images = network.positions[source] + offsets[:, None]  # (n_cells, source, 3)
+    # a flat wall that balls touch is a plane, and the place by which it is given may be anywhere
+    walls = set(source.tolist()) & set(network.walls)
+    others = np.setdiff1d(source, list(walls))
+    images = network.positions[others] + offsets[:, None]  # (n_cells, others, 3)
     distances = np.asarray(cKDTree(images.reshape(-1, 3)).query(motion.middles)[0])
-    for wall in set(source.tolist()) & set(network.walls):
-        # the plane of a wall is nearer than the point by which the wall is given
+    for wall in walls:
         point, normal = network.walls[wall]
         distances = np.minimum(distances, np.abs((motion.middles - point) @ normal))
     return distances

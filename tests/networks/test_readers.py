@@ -19,6 +19,7 @@ from hypothesis import strategies as st
 import granphon as gp
 from granphon.base.errors import InconsistencyWarning, InputError, OutputError, StoppedEarlyWarning
 from granphon.networks import dumps as dumps_of_programs
+from granphon.networks.faults import Faults, settle
 from granphon.networks.sources import Completion
 from tests import packings
 from tests.networks import written
@@ -315,6 +316,20 @@ def test_all_faults_of_a_file_are_told_at_once(tmp_path):
     np.testing.assert_array_equal(found.i, whole.i[kept])
     with pytest.raises(InputError, match="bad"):
         gp.ContactNetwork.from_lammps(atoms, pairs, GLASS, bad="some")
+
+
+def test_contacts_may_be_left_out_where_those_of_another_list_are_fine():
+    """As contacts with walls may be where all pairs have faults; where none is left, they may not
+    be.
+    """
+    pairs, walls = (Faults(name, "contacts", 2, str) for name in ("pairs", "walls"))
+    pairs.note(np.ones(2, bool), "a force that pulls")
+    with pytest.raises(InputError, match="bad='drop'"):
+        settle([pairs, walls], drops=False)
+    walls.note(np.ones(2, bool), "a force that pulls")
+    with pytest.raises(InputError) as caught:
+        settle([pairs, walls], drops=False)
+    assert "drop" not in str(caught.value)
 
 
 def test_faults_of_balls_and_contacts_are_told_together(tmp_path):

@@ -66,6 +66,15 @@ def test_exponents_of_what_is_infinite_are_nan():
     np.testing.assert_allclose(exponents[:4], 1.0 / 6.0, rtol=1e-12)
 
 
+def test_exponents_amid_equal_steps_need_their_own_value():
+    """The slope of a parabola amid equal steps does not depend on the value in the middle."""
+    data = gp.sweep(gp.Packing(STEEL, 8e-3), force=[1.0, 10.0, 100.0])
+    values = data["longitudinal"].values.copy()
+    values[1] = np.nan
+    data["longitudinal"] = data["longitudinal"].dims, values
+    assert np.all(np.isnan(data.granphon.exponent()))
+
+
 def test_it_draws_fits_and_knows_its_packing(swept, tmp_path):
     assert swept.granphon.packing == PACKING
     assert swept.granphon.plot(variable="bulk").axes[0].get_ylabel() == "Bulk modulus (GPa)"

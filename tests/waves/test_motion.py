@@ -55,6 +55,17 @@ def make(displacements=None, forces=None):
     )
 
 
+def test_distances_from_a_driven_flat_wall_are_those_from_its_plane():
+    """The place by which a flat wall is given may be anywhere."""
+    chain = gp.Crystal.on("chain", [gp.Ball(gp.Material(1e9, 0.3, 1e3), 2.0)]).at_force(1.0)
+    network = chain.network.cut(0, N - 1, ("free", "floor"))
+    positions = network.positions.copy()
+    positions[-1] = positions[0]
+    motion = replace(make(), network=replace(network, positions=positions))
+    distances = Passage.of(motion, np.array([N - 1])).distances
+    assert_allclose(distances, 2.0 * np.arange(N - 2, -1, -1), rtol=1e-3, atol=1e-3)
+
+
 def late(motion, count):
     """The last frames of a motion, as they are read of a file."""
     return replace(
