@@ -721,7 +721,7 @@ class LoadedCrystal(NetworkState):
     @property
     def exponent(self) -> Any:
         """The exponent of sound velocities, see :attr:`CrystalState.exponent`; None where contacts
-        do not have one in common.
+        do not have one in common, or none is closed.
         """
         try:
             return self.source.exponent
@@ -730,8 +730,8 @@ class LoadedCrystal(NetworkState):
 
     @property
     def exponent_error(self) -> Any:
-        """Standard error of the exponent: zero, as the exponent is exact; None where contacts have
-        no exponent in common.
+        """Standard error of the exponent: zero, as the exponent is exact; None where the exponent
+        is None.
         """
         return None if self.exponent is None else np.zeros(self.shape)[()]
 
