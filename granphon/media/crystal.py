@@ -29,6 +29,7 @@ from granphon.balls.ball import (
     Body,
     ContactConstants,
     Wall,
+    find_material,
     find_wall,
     name_walls,
     replace_walls,
@@ -711,7 +712,7 @@ class Crystal(Result):
 
         Raises :class:`~granphon.base.errors.InputError` for another radius, an argument that is no
         ball, an empty list, a number that no ball has or that is given twice, a name that another
-        kind has, and a law that lacks a pair with the new kind.
+        kind has, the name "floor", and a law that lacks a pair with the new kind.
         """
         sites = index_array("index", index, self.n_balls)
         site_balls = list(self.balls)
@@ -737,7 +738,8 @@ class Crystal(Result):
         return self._derive(kinds=kinds, kind=kind, names=names, deviations=deviations)
 
     def with_balls(self, balls: Mapping[str, Ball]) -> Self:
-        """Return the crystal with other balls of some kinds, by name, at the same positions.
+        """Return the crystal with other balls of some kinds, by name, at the same positions. The
+        kinds keep their names, whatever names the balls have.
 
         Raises :class:`~granphon.base.errors.InputError` for an argument that is no mapping of names
         to balls, a name without a kind, and a ball of another diameter.
@@ -775,11 +777,12 @@ class Crystal(Result):
         return self._derive(on_site=read_on_site(on_site, self.named_motions, self.n_balls))
 
     def with_walls(self, walls: Mapping[str, Wall]) -> Self:
-        """Return the crystal with other ``walls``, by name: each takes the place of the wall that
-        has its name. A name that no wall has changes nothing.
+        """Return the crystal with other ``walls``, by the names of those whose place they take, and
+        which they keep: a name of their own is passed over, as in :meth:`with_balls`. A name that
+        no wall has changes nothing.
 
         Raises :class:`~granphon.base.errors.InputError` for an argument that is no mapping of names
-        to walls.
+        to walls, and for a wall of the material of a kind that there is not.
         """
         mapping: object = walls  # the caller may have given anything
         are_walls = isinstance(mapping, Mapping) and all(
@@ -788,7 +791,15 @@ class Crystal(Result):
         if not are_walls:
             mend = 'Give a granphon.Wall for each wall that changes, as {"wall": gp.Wall(steel)}'
             raise InputError(f"the walls are {brief(mapping)}", mend=mend)
-        faces = tuple(replace(face, edges=replace_walls(face.edges, walls)) for face in self.faces)
+        model = self.contact_model
+        named_walls = {
+            wall.name: replace(find_material(walls[wall.name], model.named_kinds), name=wall.name)
+            for wall in model.walls
+            if wall.name in walls
+        }
+        faces = tuple(
+            replace(face, edges=replace_walls(face.edges, named_walls)) for face in self.faces
+        )
         return self._derive(faces=faces)
 
     def remove(self, index: Any) -> Self:
