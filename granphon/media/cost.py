@@ -510,8 +510,9 @@ def bands(points: int, branches: int, eigenvectors: bool = True, file: bool = Tr
     """Return the estimated cost of bands at ``points`` wave vectors: of frequencies alone, or with
     ``eigenvectors``, and then with the lines of a ``file`` if one is written.
 
-    Memory and time of a wave vector grow as the square of the number of ``branches``, as measured
-    with 2, 3 and 9 branches; the unit of time is that in which a number is written as text. With
+    The time of a wave vector grows as the square of the number of ``branches``, as measured with 2,
+    3 and 9 branches, and so does its memory with eigenvectors; without them the memory is in
+    proportion to the branches. The unit of time is that in which a number is written as text. With
     more than :data:`~granphon.dynamics.linalg.MANY_COLUMNS` branches the time of the eigenvalues is
     added, which grows as the cube of the number of branches: a small matrix is timed.
     """

@@ -29,6 +29,7 @@ from granphon.balls.ball import (
     Body,
     ContactConstants,
     Wall,
+    find_material,
     find_wall,
     name_walls,
     replace_walls,
@@ -230,9 +231,9 @@ class _Bodies(NamedTuple):
 class _Rows(NamedTuple):
     """Some of the m contacts of the statics.
 
-    ``i`` and ``j`` (m,) are the bodies, numbered as :attr:`_Bodies.body_of_ball`, ``vector`` (m, d)
-    leads from the centre of i to that of j at touch, m, and ``offset`` (m,) is the overlap there,
-    m.
+    ``i`` and ``j`` (m,) are the bodies, numbered as :attr:`_Bodies.body_of_ball`. ``vector`` (m, d)
+    leads from the centre of i at touch, m: to the centre of j, to the plane of a floor or wall, or
+    along a spring to the ground. ``offset`` (m,) is the overlap there, m.
     """
 
     i: Index
@@ -432,7 +433,9 @@ class Crystal(Result):
         tolerance = TOUCH * float(np.mean(radii))
 
         def differ(numbers: Array, expected: Array) -> bool:
-            """Return whether some of the numbers, m, are not the expected ones, to rounding."""
+            """Return whether some of the numbers, m, are not the expected ones, to a millionth of
+            the mean radius.
+            """
             return not np.all(np.abs(numbers - expected) <= tolerance)
 
         has_wrong_arm = differ(table.arm_i, radii[table.i]) or differ(table.arm_j, radii[table.j])
@@ -579,8 +582,9 @@ class Crystal(Result):
         """Return the crystal whose cell is ``shape`` (L1, ..., Lp) cells of this crystal.
 
         Balls come in the order of cells, ball by ball of each cell, with the last period fastest.
-        Raises :class:`~granphon.base.errors.InputError` for a crystal without periods, another
-        number of lengths, and more balls than memory holds.
+        Raises :class:`~granphon.base.errors.InputError` for a crystal without periods, for a
+        ``shape`` that is not p whole numbers from 1 to a million, and for more than ten million
+        balls, or more than memory holds.
         """
         counts = self._read_shape(shape)
         _require_room(math.prod(counts), self)
@@ -714,7 +718,7 @@ class Crystal(Result):
 
         Raises :class:`~granphon.base.errors.InputError` for another radius, an argument that is no
         ball, an empty list, a number that no ball has or that is given twice, a name that another
-        kind has, and a law that lacks a pair with the new kind.
+        kind has, the name "floor", and a law that lacks a pair with the new kind.
         """
         sites = index_array("index", index, self.n_balls)
         site_balls = list(self.balls)
@@ -740,7 +744,8 @@ class Crystal(Result):
         return self._derive(kinds=kinds, kind=kind, names=names, deviations=deviations)
 
     def with_balls(self, balls: Mapping[str, Ball]) -> Self:
-        """Return the crystal with other balls of some kinds, by name, at the same positions.
+        """Return the crystal with other balls of some kinds, by name, at the same positions. The
+        kinds keep their names, whatever names the balls have.
 
         Raises :class:`~granphon.base.errors.InputError` for an argument that is no mapping of names
         to balls, a name without a kind, and a ball of another diameter.
@@ -778,11 +783,12 @@ class Crystal(Result):
         return self._derive(on_site=read_on_site(on_site, self.named_motions, self.n_balls))
 
     def with_walls(self, walls: Mapping[str, Wall]) -> Self:
-        """Return the crystal with other ``walls``, by name: each takes the place of the wall that
-        has its name. A name that no wall has changes nothing.
+        """Return the crystal with other ``walls``, by the names of those whose place they take, and
+        which they keep: a name of their own is passed over, as in :meth:`with_balls`. A name that
+        no wall has changes nothing.
 
         Raises :class:`~granphon.base.errors.InputError` for an argument that is no mapping of names
-        to walls.
+        to walls, and for a wall of the material of a kind that there is not.
         """
         mapping: object = walls  # the caller may have given anything
         are_walls = isinstance(mapping, Mapping) and all(
@@ -791,7 +797,15 @@ class Crystal(Result):
         if not are_walls:
             mend = 'Give a granphon.Wall for each wall that changes, as {"wall": gp.Wall(steel)}'
             raise InputError(f"the walls are {brief(mapping)}", mend=mend)
-        faces = tuple(replace(face, edges=replace_walls(face.edges, walls)) for face in self.faces)
+        model = self.contact_model
+        named_walls = {
+            wall.name: replace(find_material(walls[wall.name], model.named_kinds), name=wall.name)
+            for wall in model.walls
+            if wall.name in walls
+        }
+        faces = tuple(
+            replace(face, edges=replace_walls(face.edges, named_walls)) for face in self.faces
+        )
         return self._derive(faces=faces)
 
     def remove(self, index: Any) -> Self:
@@ -814,7 +828,7 @@ class Crystal(Result):
         contacts = table.take(rows, i, j, table.shift[rows])
         origin = np.flatnonzero(is_remaining)
         crystal = self._take(origin, contacts, self.positions[origin])
-        crystal._require_joined()
+        crystal._require_joined("Remove it too")
         return crystal
 
     def cut(self, axis: Any, layers: int, edges: Any = "free") -> Self:
@@ -841,8 +855,9 @@ class Crystal(Result):
 
         Raises :class:`~granphon.base.errors.InputError` for an axis that is no period, a number of
         layers that is not whole and above zero or does not fit into memory, another edge, a wall of
-        a kind that there is not or with a name that another has; if layers do not hang together, no
-        balls touch, and if springs to the ground would lie across two axes.
+        a kind that there is not or with a name that another has; if a ball touches no other and is
+        at no floor, wall or clamp, layers do not hang together, or no balls touch; and if springs
+        to the ground would lie across two axes.
         """
         count = whole_number("layers", layers, 1, _MOST_CELLS)
         _require_room(count, self)
@@ -858,7 +873,7 @@ class Crystal(Result):
         thickness = count * abs(float(layering.stack[normal_axis]))
         faces = Faces(normal_axis, thickness, face_edges, face_balls)
         crystal = layers_alone._derive(faces=(*self.faces, faces))
-        crystal._require_joined()
+        crystal._require_joined("Give more layers")
         return crystal
 
     def _stack_layers(self, layering: Layers, count: int) -> Self:
@@ -880,9 +895,11 @@ class Crystal(Result):
         on_site = turn_on_site(crystal.on_site, layering.turn, self.named_motions)
         return crystal._derive(on_site=on_site)
 
-    def _require_joined(self) -> None:
-        """Raise :class:`InputError` unless each face has a ball, each ball touches another or is
-        held, some balls touch, and all hang together, also by way of a floor, wall or clamp.
+    def _require_joined(self, mend_lone_ball: str) -> None:
+        """Raise :class:`InputError` unless each face has a ball, there is a contact, each ball
+        touches another or is at a floor, wall or clamp, and all hang together, also by way of
+        these. Springs to the ground join no balls. ``mend_lone_ball`` says in the message how to
+        mend that a ball touches no other.
         """
         n = self.n_balls
         table = self.contacts
@@ -895,15 +912,16 @@ class Crystal(Result):
         if not self.n_contacts:
             problem = f"no balls of crystal {self.name!r} touch"
             raise InputError(problem, mend="Give more layers, or remove fewer balls")
-        is_held = np.zeros(n, bool)  # a floor, wall or clamp spans all periods and joins its balls
+        # a floor, wall or clamp spans all periods and joins its balls
+        is_at_support = np.zeros(n, bool)
         for side in self._sides:
             if side.edge != "free":
-                is_held[side.balls] = True
+                is_at_support[side.balls] = True
         touching_balls = np.append(table.i, table.j)
-        lone_balls = np.setdiff1d(np.flatnonzero(~is_held), touching_balls)
+        lone_balls = np.setdiff1d(np.flatnonzero(~is_at_support), touching_balls)
         if lone_balls.size:
             problem = f"ball {lone_balls[0]} of crystal {self.name!r} touches no other"
-            raise InputError(problem, mend="Remove it too")
+            raise InputError(problem, mend=mend_lone_ball)
         require_joined(
             table.i,
             table.j,
@@ -912,7 +930,7 @@ class Crystal(Result):
             self.periods,
             f"crystal {self.name!r}",
             mend="Remove one of them, or give more layers",
-            held=is_held,
+            held=is_at_support,
         )
 
     # -- balls and contacts ------------------------------------------------------------------------
@@ -973,7 +991,8 @@ class Crystal(Result):
     @property
     def mindlin_ratios(self) -> Array:
         """(n_c,) shear over normal stiffness of each contact, if it resists shear: 4 G*/E*. Where
-        a law has a contact radius of its own, as with adhesion, this is the ratio over 2 E* a.
+        a law has a contact radius a of its own, as with adhesion, this is the shear stiffness over
+        2 E* a.
         """
         return self._constants["mindlin_ratio"]
 
@@ -1121,7 +1140,8 @@ class Crystal(Result):
         return ContactLaws(groups, len(pair_of_contact), self._constants["modulus"])
 
     def law_of(self, i: int, j: int) -> tuple[PairLaw, float, float]:
-        """Return the law of a contact of the bodies i and j, its ratio 4 G*/E*, and E*, Pa.
+        """Return the law of a contact of the bodies i and j, its ratio 4 G*/E*, zero without
+        friction, and E*, Pa.
 
         The numbers below n are those of the balls. The next numbers are those of the faces that
         stand on a floor or wall, in their order; any larger number is a rigid floor. Raises
@@ -1410,9 +1430,10 @@ class Crystal(Result):
         ------
         InputError : a pressure of zero or below (with gravity zero is allowed; where contacts
             adhere or are bonds every pressure is), a pressure on a crystal without periods and
-            faces, gravity of another shape, or that nothing holds, forces that contacts cannot
-            bear, balls that overlap by their diameter or more, another boundary; kinds with a
-            spread of diameters of which none are drawn.
+            faces, gravity of another shape, or that nothing holds, numbers that are not finite,
+            forces that contacts cannot bear or that are beyond double precision, balls that overlap
+            by their diameter or more, another boundary, a ``finite_overlap`` that is not true,
+            false or None; kinds with a spread of diameters of which none are drawn.
         ConvergenceError, InstabilityError : the crystal does not come to rest.
         MechanismError : in the true geometry, balls differ and some motions cost no energy.
         """
@@ -1829,7 +1850,7 @@ class Crystal(Result):
             else:
                 state = lattice_state
             contacts = MeanContacts.of(state, laws, balls_differ)
-            contacts.require_any(goal, load.words)
+            contacts.require_any(goal, load.words, laws.can_adhere)
             mean = contacts.find_mean(goal.kind)
             rounding = contacts.bound_rounding(goal, balls_differ, laws.can_adhere)
             if search.is_reached(mean, rounding):
@@ -1864,7 +1885,8 @@ class Crystal(Result):
         self, goal: MeanGoal, pressure: float, mean: float, has_gravity: bool
     ) -> InputError:
         """Return the error for a ``goal`` that contacts do not reach; at the last ``pressure``
-        their mean was ``mean``. ``has_gravity`` says whether gravity presses them too.
+        that was tried their mean was ``mean``. ``has_gravity`` says whether gravity presses them
+        too.
         """
         problem = f"contacts of crystal {self.name!r} do not have a {goal} at any pressure"
         pressure_in_words = f"{pressure:.4g} {_PRESSURE_UNITS[self.periods + len(self.faces)]}"
@@ -2263,9 +2285,9 @@ class CrystalState(Result):
         say why not.
 
         The contact radius must be no more than a tenth of the radius of a ball, the mean pressure
-        of a contact below 1.07 of the yield strength, if that is given, and the overlap within the
-        table of a tabulated law. A diameter, density or Young modulus that no solid ball has, so
-        that its unit is probably wrong, is not valid either.
+        of a contact no more than 1.07 of the yield strength, if that is given, and the overlap
+        within the table of a tabulated law. A diameter, density or Young modulus that no solid ball
+        has, so that its unit is probably wrong, is not valid either.
         """
         are_met = np.all([check.ok for check in self.limits], axis=0)
         return bool(are_met) if self.is_single else are_met
@@ -2483,8 +2505,9 @@ def _require_room(n_cells: int, crystal: Crystal) -> None:
 
 @contextmanager
 def _in_double_precision(values: Array) -> Iterator[None]:
-    """Within the block of ``with``, turn an overflow, an invalid operation or a division by zero
-    into an InputError about the load ``values``.
+    """Within the block of ``with``, let NumPy raise a FloatingPointError for an overflow, an
+    invalid operation or a division by zero, and turn every FloatingPointError into an InputError
+    about the load ``values``.
     """
     try:
         with np.errstate(over="raise", invalid="raise", divide="raise"):

@@ -192,16 +192,19 @@ class MeanContacts(NamedTuple):
         work = np.mean((self.stiffness * self.overlap)[self.is_counted])
         return float(np.mean(self.force[self.is_counted]) / work)
 
-    def require_any(self, goal: MeanGoal, words: str) -> None:
+    def require_any(self, goal: MeanGoal, words: str, contacts_adhere: bool) -> None:
         """Raise :class:`~granphon.base.errors.InputError` if no contact is counted, so that there
-        is no mean. Messages call the load on the contacts by ``words``.
+        is no mean. Messages call the load on the contacts by ``words``. ``contacts_adhere`` says
+        whether contacts adhere; others carry nothing only where no pressure presses them.
         """
-        if not np.any(self.is_counted):
-            raise InputError(
-                f"all contacts are open under {words}",
-                "Those that adhere have come apart",
-                f"Give a larger {goal.kind}",
-            )
+        if np.any(self.is_counted):
+            return
+        why = "With gravity a pressure acts on the faces of a cut alone"
+        mend = "Cut the crystal, or leave gravity out"
+        if contacts_adhere:
+            why = "Those that adhere have come apart"
+            mend = f"Give a larger {goal.kind}"
+        raise InputError(f"all contacts are open under {words}", why, mend)
 
     def find_growth(self, goal: MeanGoal, mean: float) -> tuple[float, float]:
         """Return the factor by which the pressure, and the factor by which the overlaps, are to

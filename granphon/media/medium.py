@@ -118,10 +118,11 @@ class Medium(ABC, Generic[StateT]):
         return None
 
     def prepare(self) -> None:
-        """Find the properties of the lattice that all states need, and keep them; most media need
-        none.
+        """Find what all states need of the lattice, and keep it. Most media need nothing, and do
+        nothing here.
 
-        Raises :class:`~granphon.base.errors.MechanismError` if the lattice does not have them.
+        A medium that needs something raises :class:`~granphon.base.errors.MechanismError` if the
+        lattice does not have it.
         """
         return
 
@@ -228,8 +229,8 @@ class Medium(ABC, Generic[StateT]):
     def at_overlap(self, overlap: ArrayLike, *, finite_overlap: bool | None = None) -> StateT:
         """Return the state at the overlap delta = d - a, m.
 
-        Where balls differ the overlap may be negative, as long as some balls touch: but not in the
-        averaged lattice, nor on a line, where the law is that of equal balls.
+        Where balls differ the overlap may be negative, as long as some balls touch: but not where
+        the law is that of equal balls, as in the averaged lattice, and on a line.
         """
         return self.at(Load("overlap", overlap), finite_overlap=finite_overlap)
 

@@ -137,12 +137,10 @@ def _read_words(value: Any) -> tuple[str, ...]:
     """Return the words, at least one, of a text or of a list of words. The function is a rule of
     :mod:`granphon.base.validation`.
     """
-    if not isinstance(value, str):
-        return each(value, text, "names")
-    words = tuple(value.split())
-    if not words:
+    words = value.split() if isinstance(value, str) else value
+    if isinstance(value, str) and not words:
         raise Refused(show(value), "one or more names")
-    return words
+    return each(words, text, "names")
 
 
 #: kinds of settings: words, and a stiffness, N/m
@@ -160,7 +158,8 @@ class NetworkFiles(Block, kw_only=True):
 
     Raises
     ------
-    InputError : an option that the reader does not have, and what the reader refuses.
+    InputError : an option that the reader does not have, ``walls`` of LIGGGHTS, a number of files
+        that the reader does not take, and what the reader refuses.
     """
 
     block = "network"
@@ -308,7 +307,8 @@ class NetworkFiles(Block, kw_only=True):
         """The network, read once from the files with the options that are given.
 
         Raises :class:`~granphon.base.errors.InputError` for an option that the reader does not
-        have, a number of files that it does not take, and for what the reader refuses.
+        have, for ``walls`` of LIGGGHTS, for a number of files that the reader does not take, and
+        for what the reader refuses.
         """
         files = list(self.files)
         options = {

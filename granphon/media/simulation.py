@@ -368,8 +368,8 @@ class SimulatedState(ContactState):
 
     @property
     def force_fluctuation(self) -> Any:
-        """Force fluctuation Delta f / f: rms over balls of the mean force of a ball's contacts,
-        over the mean.
+        """Force fluctuation Delta f / f: rms deviation, over balls, of the mean force of a ball's
+        contacts from f, over f.
         """
         return self._average(lambda sample: sample.force_fluctuation)
 

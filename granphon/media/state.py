@@ -184,10 +184,10 @@ class State(ABC):
     @property
     @abstractmethod
     def twist_velocity(self) -> Values | None:
-        """Velocity, m/s, of the wave in which the balls of a straight chain turn about its line;
-        zero where a contact does not resist torsion.
+        """Velocity at each load, m/s, of the wave in which the balls of a straight chain turn about
+        its line; zero where a contact does not resist torsion.
 
-        None if the lattice is no straight chain, if the balls do not turn about its line, and if
+        None if the lattice is no straight chain, if the balls do not turn about its line, or if
         springs to the ground act.
         """
 
@@ -241,8 +241,8 @@ class State(ABC):
 
     @property
     def sampled_tensors(self) -> Array | None:
-        """Elastic tensor of each sample, (..., n_samples, n, n), Pa, Voigt order; None of fewer
-        than two samples.
+        """Elastic tensor of each sample, (..., n_samples, n, n), Voigt order, in the unit of
+        :attr:`elastic_tensor`; None of fewer than two samples.
         """
         return None
 
@@ -471,8 +471,8 @@ class ContactState(State, Result):
 
     @property
     def force_fluctuation(self) -> Values:
-        """Force fluctuation Delta f / f of Section IV: rms over balls of the force of their
-        contacts, over the mean.
+        """Force fluctuation Delta f / f of Section IV: rms deviation, over balls, of the mean force
+        of their contacts from f, over f.
 
         The fluctuation is 0 for equal balls, and on a line.
         """
@@ -812,7 +812,7 @@ class ContactState(State, Result):
 
     @property
     def twist_velocity(self) -> Values | None:
-        """Velocity of the wave of twist, m/s, see :attr:`State.twist_velocity`.
+        """Velocity of the wave of twist at each load, m/s, see :attr:`State.twist_velocity`.
 
         The velocity is d (k_t/I)^1/2, with the torsion stiffness k_t of a contact and the moment of
         inertia I of a ball.
@@ -822,7 +822,7 @@ class ContactState(State, Result):
         # with I = M (GYRATION d)^2, d cancels. The balls are at the distance d: there is no finite
         # overlap here, as a straight chain with finite overlap buckles
         frequency = np.sqrt(self.torsion_stiffness / self.packing.mass)
-        return np.asarray(frequency / GYRATION)
+        return _unwrap_scalars(frequency / GYRATION)
 
     def _fill_shape(self, value: Any) -> Values:
         """Return the value at each load: an array of the shape of the load, or the value itself at

@@ -356,7 +356,8 @@ class BallContacts(ContactCalculator):
         shear stiffness, or none if the calculator is without friction.
 
         The ``options`` are those of :meth:`ContactNetwork.from_table`. The masses are those of the
-        balls that the calculator was given; those of Atoms are atomic, and are not read. The
+        balls that the calculator was given, or of solid balls of their materials where only these
+        were given, or the radius is another; those of Atoms are atomic, and are not read. The
         network repeats where the Atoms do; without a period it has no cell. Raises
         :class:`~granphon.base.errors.InputError` as the class says, for Atoms without balls, and
         as :meth:`ContactNetwork.from_table` does.

@@ -248,8 +248,8 @@ class EdgeSearch(NamedTuple):
 
     def _climb(self, starts: Array, branch: Index, sign: Array, longest: Array) -> Extremes:
         """Return the extremes (n,) that n paths along group velocities reach from the wave vectors
-        ``starts`` (n, p), 1/d: each is the greatest frequency of a ``branch`` (n,), times its
-        ``sign`` (n,), on the path.
+        ``starts`` (n, p), 1/d: each is where the frequency of a ``branch`` (n,), times its
+        ``sign`` (n,), is greatest on the path.
 
         Steps are those of J. Barzilai and J. M. Borwein (IMA J. Numer. Anal. 8, 141, 1988), and no
         longer than ``longest`` (n,), 1/d.

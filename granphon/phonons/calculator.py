@@ -71,8 +71,8 @@ if TYPE_CHECKING:
 
 #: least delta/d at which double-precision positions still hold six digits of the overlap
 _LEAST_OVERLAP = 1e-10
-#: largest displacement of two balls in contact against each other, in diameters, for which a
-#: harmonic energy is found
+#: largest displacement of two balls in contact against each other along an axis, in diameters, for
+#: which a harmonic energy is found
 _LARGEST_DISPLACEMENT = 0.5
 #: all motions of balls that have 1, 2 or 3 coordinates
 _MOTIONS = (LONGITUDINAL, IN_PLANE, ALL)
@@ -188,9 +188,9 @@ class HarmonicContacts(ContactCalculator):
     keeps as those at rest. The calculator serves the same balls in the same order; the Atoms
     ``gp.atoms(network.repeat(...))`` of a larger cell have a calculator of their own. Raises
     :class:`~granphon.base.errors.InputError` for other Atoms, for numbers that are not finite, for
-    a cell whose vectors are not independent, for an array ``rotations`` of another shape, for
-    displacements of more than half a diameter, and for a stress where bodies without motion, or
-    springs to the ground, hold the balls.
+    a cell whose vectors are not independent, for an array ``rotations`` of another shape, for balls
+    in contact that have moved against each other by more than half a diameter along an axis, and
+    for a stress where bodies without motion, or springs to the ground, hold the balls.
     """
 
     follows = ("rotations",)

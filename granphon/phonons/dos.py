@@ -130,7 +130,8 @@ class DensityOfStates(Result):
 
     @classmethod
     def read_csv(cls, path: str | os.PathLike[str]) -> DensityOfStates:
-        """Return the density of states of the file ``path``, which :meth:`write_csv` wrote.
+        """Return the density of states of the file ``path``, which :meth:`write_csv` wrote; columns
+        of standard errors are passed over.
 
         Raises :class:`~granphon.base.errors.InputError` if the file is no density of states of
         granphon, if its digest is not that of its text, or if its numbers do not fit together;

@@ -279,8 +279,9 @@ class Phonons:
         """Return the numbers of cells (p,) in the supercell of phonopy: those ``requested``, or if
         None is given those of :meth:`_choose_dim`.
 
-        Raises :class:`~granphon.base.errors.InputError` for a supercell that is too small, that
-        does not fit into memory, or that has several cells along an axis without period.
+        Raises :class:`~granphon.base.errors.InputError` for what is not a whole number from 1 on
+        for each period, and for a supercell that is too small, that does not fit into memory, or
+        that has several cells along an axis without period.
         """
         if requested is None:
             return self._choose_dim()
@@ -525,8 +526,9 @@ class Phonons:
         InputError : a loss is out of range, no number, or of another shape; the contacts of the
             Atoms are not those of the state, in their order; their masses or stiffnesses are not,
             and a ``dashpot`` or ``restitution`` is given, whose times c/k follow from those of the
-            state; or the frequencies do not fit into memory. :class:`Phonons` says which wave
-            vectors are refused.
+            state; the state is that of simulated samples, which have networks of their own; or the
+            frequencies do not fit into memory. :class:`Phonons` says which wave vectors are
+            refused.
         InstabilityError : a squared frequency is negative.
         PrecisionError : losses are not the same everywhere, and dashpots or drag resist far more
             than springs; an InputError too.
@@ -603,8 +605,9 @@ class Phonons:
         Raises
         ------
         InputError : a branch does not exist or is named twice, ``branches`` are empty, the arrays
-            are larger than the memory, or the Atoms are another cell than that of the state.
-            :class:`Phonons` says which wave vectors are refused.
+            are larger than the memory, the Atoms are another cell than that of the state, or the
+            state is that of simulated samples. :class:`Phonons` says which wave vectors are
+            refused.
         InstabilityError : a squared frequency is negative.
         """
         q = self.lattice.wavevectors(_read_qpoints(qpoints, self._periods))
@@ -728,7 +731,8 @@ class Phonons:
         :data:`MOST_BYTES`.
         """
         b = self.lattice.n_branches
-        mend = "Give fewer npoints or segments, or eigenvectors=False"
+        without = ", or eigenvectors=False" if eigenvectors else ""
+        mend = f"Give fewer npoints or segments{without}"
         size = 16 * points * b * b  # bytes of complex numbers
         if eigenvectors and size > MOST_BYTES:
             raise InputError(
@@ -737,6 +741,12 @@ class Phonons:
                 mend,
             )
         cost = costs.bands(points, b, eigenvectors, file=False)
+        # what one wave vector takes does not depend on their number
+        require_memory(
+            f"bands of {b:,} branches at one wave vector",
+            cost.working,
+            f"Take a cell of fewer balls{without}",
+        )
         memory = cost.working + cost.kept
         require_memory(f"bands of {b:,} branches at {points:,} wave vectors", memory, mend)
 
@@ -783,10 +793,11 @@ class Phonons:
         PrecisionError : a frequency is at the very edge of a band, or so high that a wave decays by
             more than 1e12 from layer to layer; some motions are passed on to the next layers across
             the axis and no further; or ``q`` is more than 1e15 reciprocal vectors.
-        InputError : the Atoms are another cell than that of the state; the ``axis`` has no period
-            or no contacts across it; the motions deform no contact; a number is not allowed, or of
-            another shape; the waves do not fit into memory; or under prestress there are static
-            tangential forces or torques, or slip by levers that exceed the arms.
+        InputError : the Atoms are another cell than that of the state; the state is that of
+            simulated samples; the ``axis`` has no period or no contacts across it; the motions
+            deform no contact; a number is not allowed, or of another shape; the waves do not fit
+            into memory; or under prestress there are static tangential forces or torques, or slip
+            by levers that exceed the arms.
         """
         network = given_network(self.state)
         self._require_state_cell(with_stiffness=True)
@@ -833,7 +844,8 @@ class Phonons:
         sigma : standard deviation of the Gaussian, Hz, not below the spacing of the frequencies,
             and up to a million times the top frequency; by default a hundredth of the top
             frequency, or more if there are few ``points``.
-        points : number of frequencies, 12 or more, from zero to just above the top frequency.
+        points : number of frequencies, 12 or more, from zero to just above the top frequency; with
+            smearing, to five standard deviations above it.
 
         Raises :class:`~granphon.base.errors.InputError` for numbers out of range or too large for
         the memory, for another ``method``, for a ``sigma`` with the tetrahedron method, and if

@@ -79,9 +79,9 @@ def choose_symbols(kinds: Iterable[str]) -> dict[str, str]:
     """Return a dictionary of different chemical symbols by the names of ``kinds`` of balls.
 
     A kind whose name is a symbol has that symbol, but for "No", which YAML reads as false. A kind
-    whose name begins with a symbol, as Al6061, has this symbol if no other kind has it, and if it
-    is none of :data:`_NO_KIND`. Any other kind has a free symbol. If there are more kinds than
-    symbols, all balls have one symbol.
+    whose name begins with a symbol that no letter follows, as Al6061, has this symbol if no other
+    kind has it, and if it is none of :data:`_NO_KIND`. Any other kind has a free symbol. If there
+    are more kinds than symbols, all balls have one symbol.
     """
     from ase.data import chemical_symbols
 
@@ -104,8 +104,8 @@ def choose_symbols(kinds: Iterable[str]) -> dict[str, str]:
 
 
 def name_symbols(kinds: Iterable[str]) -> dict[str, str]:
-    """Return the names of ``kinds`` of balls by their symbols; an empty dictionary without kinds,
-    and if there are more kinds than symbols.
+    """Return a dictionary whose keys are the chemical symbols of ``kinds`` of balls, and whose
+    values are their names; it is empty without kinds, and if there are more kinds than symbols.
     """
     symbols = choose_symbols(kinds)
     names = {symbol: name for name, symbol in symbols.items()}

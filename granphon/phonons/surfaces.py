@@ -86,9 +86,9 @@ class SurfaceBranches(Result):
         return len(self.qpoints)
 
     def __getitem__(self, index: int) -> Array:
-        """Return the frequencies of all waves at the wave vector of number ``index``, (n,) Hz; a
-        number below zero counts from the last. Raises IndexError beyond the wave vectors, and
-        TypeError for a slice.
+        """Return the frequencies, Hz, of the waves at the wave vector of number ``index``, in one
+        array, empty without waves; a number below zero counts from the last. Raises IndexError
+        beyond the wave vectors, and TypeError for what is no whole number, such as a slice.
         """
         place = range(len(self))[operator.index(index)]
         return np.asarray(self.frequencies[self.place == place])
@@ -246,7 +246,9 @@ class Surface:
 
     @cached_property
     def cell(self) -> Array:
-        """(p - 1, d) periods of a layer, m; read-only."""
+        """(p - 1, d) periods of a layer, m; read-only. They are those of a cut, whose periods are
+        turned to lie along x or in the xy plane; :attr:`network` is not turned.
+        """
         return read_only(self.half_space.layers.cell)
 
     @property
@@ -364,8 +366,8 @@ class Surface:
             step of the frequencies. Each mass M feels the drag -M gamma v, with gamma = 2 pi times
             the damping. The spectrum is (2 omega/pi) times the imaginary part of -G(omega^2 + i
             gamma omega), where G is the Green's function; each line has the integral 1 over
-            positive frequencies. At zero it is that of the lowest frequency with digits, at most
-            1e-7 of an upper bound of all frequencies.
+            positive frequencies. Below 1e-7 of an upper bound of all frequencies, where the
+            spectrum has no digits, it is that at this frequency.
 
         Raises :class:`~granphon.base.errors.InputError` for frequencies of another shape than
         (n_f,), numbers out of range, frequencies without a step from which the damping would
@@ -527,8 +529,8 @@ class Surface:
 
         Raises :class:`~granphon.base.errors.InputError` for a frequency that is not above zero or
         lies inside of the crystal's bands, and where no wave of the edge is in the gap of the
-        frequency, as where the wave enters the bands. :class:`Surface` says which wave vectors are
-        refused.
+        frequency, as where the wave enters the bands; and the errors of :meth:`continuum` and
+        :meth:`branches`. :class:`Surface` says which wave vectors are refused.
         """
         start = positive("frequency", frequency, "Hz")
         points = self._read_wave_vectors(q)[1]
@@ -642,11 +644,12 @@ def _estimate_memory(size: int, points: int, frequencies: int) -> float:
 
 
 def _find_in_gap(waves: Array, bands: Array, expected: float) -> float | None:
-    """Return the frequency, Hz, among ``waves`` (n_w,), Hz, that is nearest to the ``expected`` one
-    and in the same gap between ``bands`` (b, 2), Hz; None if no wave is in that gap.
+    """Return the frequency, Hz, among ``waves`` (n_w,), Hz, that is nearest to the ``expected``
+    one, between the nearest of the ``bands`` (b, 2), Hz, that lie below and above it; None if no
+    wave is there.
     """
     bottoms, tops = bands.T
-    # the ends of the gap in which the expected frequency lies
+    # the ends of the gap in which the expected frequency lies, if it lies in one
     low = np.max(tops, where=tops < expected, initial=0.0)
     high = np.min(bottoms, where=bottoms > expected, initial=np.inf)
     in_gap = waves[(waves > low) & (waves < high)]

@@ -1285,6 +1285,18 @@ ERRORS = {
         lambda: gp.Crystal.on("square", [PLAIN]).repeat((2, 1)).cut(1, 3, "floor").remove([0, 1]),
         "no ball is left",
     ),
+    "no ball beside it": (
+        lambda: gp.Crystal.on("kagome", [PLAIN]).cut((2, 1), 1),
+        "ball 1 .* touches no other. Give more layers",
+    ),
+    "no ball left beside it": (
+        lambda: gp.Crystal.on("chain", [PLAIN]).cut(0, 4).remove(1),
+        "ball 0 .* touches no other. Remove it too",
+    ),
+    "mean of nothing": (  # springs alone hold the balls, which fall alike
+        lambda: gp.Crystal.on("square", [S], on_site=1e3).at_force(1.0, gravity=(0.0, -G)),
+        "contacts are open .*faces of a cut alone. Cut the crystal, or leave gravity out",
+    ),
     "held alone": (lambda: SQUARE.cut(0, 1, "clamped").repeat((3,)).remove([0, 1]), "touch"),
     "four indices": (
         lambda: gp.Crystal.on("fcc", [PLAIN]).cut((1, 0, -1, 0), 3),

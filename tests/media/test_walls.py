@@ -92,6 +92,17 @@ def test_there_must_be_one_wall_to_change(edges):
         network.with_wall(STEEL)
 
 
+@pytest.mark.parametrize("wall", [gp.Wall(BRASS), gp.Wall(BRASS, name="A")])
+def test_another_wall_of_a_crystal_keeps_the_name(wall):
+    changed = CHAIN.cut(0, 2, gp.Wall(STEEL)).with_walls({"wall": wall})
+    assert changed.contact_model == CHAIN.cut(0, 2, gp.Wall(BRASS)).contact_model
+    assert changed.at_pressure(10.0).network.kinds == ("A", "A", "wall", "wall")
+    # of the material of a kind
+    assert changed.with_walls({"wall": gp.Wall("A")}).faces[0].edges[0] == gp.Wall(STEEL, "wall")
+    with pytest.raises(InputError, match="no such kind"):
+        changed.with_walls({"wall": gp.Wall("B")})
+
+
 def test_two_walls_have_two_names_and_alike_ones_have_one():
     plane = gp.Crystal.on("triangular", [BALL])
     strip = plane.cut(1, 3, (gp.Wall(BRASS), gp.Wall("A")))

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 
 import numpy as np
 import pytest
 
 import granphon as gp
 from granphon.base.errors import InputError, PrecisionError
+from granphon.media.cost import Cost
 from granphon.phonons.paths import BandPath, special_points
 from tests.phonons.conftest import DIAMETER, ETA, STEEL, at_force, at_overlap, phonons_of
 
@@ -536,3 +538,20 @@ def test_flags_and_labels_of_another_kind_are_named(phonons, tmp_path):
     with pytest.raises(InputError, match="labels"):
         BandPath([[[0, 0, 0], [0, 0, 1]]], 5)
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("cost", "eigenvectors", "said"),
+    [
+        (Cost(working=1e30), False, "at one wave vector take .* fewer balls$"),
+        (Cost(working=1e30), True, "fewer balls, or eigenvectors=False"),
+        (Cost(kept=1e30), False, "fewer npoints or segments$"),
+        (Cost(kept=1e30), True, "segments, or eigenvectors=False"),
+    ],
+)
+def test_bands_beyond_the_memory_are_told_what_helps(cost, eigenvectors, said, memory, monkeypatch):
+    memory(1e9)
+    monkeypatch.setattr("granphon.media.cost.bands", lambda *arguments, **options: cost)
+    with pytest.raises(InputError) as error:
+        phonons_of("triangular").bands(npoints=2, eigenvectors=eigenvectors)
+    assert re.search(said, str(error.value).removesuffix("."))

@@ -213,6 +213,12 @@ observe: [modes]
         gp.Scene.from_text(text.format(floor=floor, rolling="epsd"))
 
 
+def test_names_in_one_text_are_read_as_those_in_a_list():
+    for names in ("floor lid\0", ["floor", "lid\0"]):
+        with pytest.raises(gp.GranphonError, match=r"walls\.1: found 'lid.+x00'; allowed: a name"):
+            gp.NetworkFiles(format="lammps", files="atoms.dump", walls=names)
+
+
 def cut(folder):
     raw = (packings.FOLDER / "disks_pairs.dump").read_bytes()
     (folder / "cut.dump").write_bytes(raw[:3000])
