@@ -720,13 +720,8 @@ class LoadedCrystal(NetworkState):
 
     @property
     def exponent(self) -> Any:
-<<<<<<< HEAD
         """The exponent of sound velocities, see :attr:`CrystalState.exponent`; None where
-        velocities do not have one in common.
-=======
-        """The exponent of sound velocities, see :attr:`CrystalState.exponent`; None where contacts
-        do not have one in common, or none is closed.
->>>>>>> s17-b-media
+        velocities do not have one in common, or no contact is closed.
         """
         try:
             return self.source.exponent
@@ -735,13 +730,8 @@ class LoadedCrystal(NetworkState):
 
     @property
     def exponent_error(self) -> Any:
-<<<<<<< HEAD
-        """Standard error of the exponent: zero, as the exponent is exact; None where velocities
-        have no exponent in common.
-=======
         """Standard error of the exponent: zero, as the exponent is exact; None where the exponent
         is None.
->>>>>>> s17-b-media
         """
         return None if self.exponent is None else np.zeros(self.shape)[()]
 
