@@ -212,8 +212,9 @@ class NonlinearWaves:
         for another word than those of ``viscous_pull``, ``coulomb`` and ``geometry``; for a network
         with ``prestress`` and the geometry "lattice", in which its static forces act sideways; for
         one with ``prestress`` and the ``slip_levers`` "yade"; for numbers out of range; for gravity
-        of another shape, or along an axis along which no ball moves; for a coefficient of friction
-        above zero where no contact resists slip, and ``coulomb="total"`` without a coefficient.
+        of another shape, or along an axis along which no ball moves; for a finite coefficient of
+        friction above zero where no contact resists slip, and ``coulomb="total"`` without a finite
+        coefficient.
     """
 
     def __init__(
@@ -278,7 +279,9 @@ class NonlinearWaves:
         those of the crystal of a ``state``, and without such a state Hertz's law.
 
         ``is_unloaded`` says that a crystal was given in place of a state, so that balls touch
-        without force. Raises :class:`~granphon.base.errors.InputError` if the laws are not known.
+        without force. Raises :class:`~granphon.base.errors.InputError` for any ``law`` beside such
+        a crystal, for laws of balls that adhere, which only a crystal may have, for what is no law,
+        and as :meth:`_make_crystal_laws` and :meth:`_make_power_laws` do.
         """
         if law is None and state is not None:
             return self._make_crystal_laws(state.crystal, is_unloaded)
@@ -706,7 +709,8 @@ def require_slip(mu: float, *, has_slip: bool) -> None:
     raise InputError(
         f"friction_coefficient is {mu:g}, and no contact resists slip",
         "The balls have no friction, or move along a line",
-        "Leave friction_coefficient out, or give a network with friction",
+        "Leave friction_coefficient out, or give balls with friction that move in a plane or in"
+        " space",
     )
 
 

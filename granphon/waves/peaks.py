@@ -391,7 +391,8 @@ class _Windows(NamedTuple):
 
     def replace(self, number: int, ends: Array) -> None:
         """Replace the window of this ``number`` by the smallest that holds k windows with the
-        lower and upper ``ends`` (2, k), Hz.
+        lower and upper ``ends`` (2, k), Hz, as far as these are not below :attr:`least` or above
+        :attr:`greatest`.
         """
         self.low[number] = max(float(np.min(ends[0])), self.least)
         self.high[number] = min(float(np.max(ends[1])), self.greatest)
@@ -601,8 +602,9 @@ class _Quotient(NamedTuple):
     def find_peak(
         self, expected_position: float, can_widen: NDArray[np.bool_]
     ) -> _PeakShape | None:
-        """Return the peak nearest to the ``expected_position``; None if there is no peak within -1
-        and 1.
+        """Return the peak nearest to the ``expected_position``; None if there is no maximum within
+        -1 and 1, or if the nearest one is that of a zero which numerator and denominator have in
+        common but for rounding.
 
         The next window of the peak holds the positions at which the square of the magnitude is half
         of that of the peak, with a margin. If the magnitude still falls at an end of this window,

@@ -159,8 +159,9 @@ def transmission(
     Raises
     ------
     InputError : a lead without the axis as a period; leads or a strip that do not fit, or with
-        other motions of balls; a floor or clamped balls between them; a strip with static
-        tangential forces; leads or a strip too wide for the memory; wrong numbers.
+        other motions of balls; a floor or clamped balls between them; a strip with forces that have
+        no potential, which are static tangential forces and torques, and slip by levers that exceed
+        the arms of contacts; leads or a strip too wide for the memory; wrong numbers.
     PrecisionError : a ``q`` too far from Gamma; a frequency at the very edge of a band, or so low
         or high that the waves of the leads cannot be told apart; one that is exactly that of a mode
         of the strip which no wave of the leads reaches; and one at which without losses the two

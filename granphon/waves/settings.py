@@ -711,7 +711,7 @@ class NetworkSettings(EdgeSettings, kw_only=True):
 
     def count_balls(self, number: int) -> int:
         """Return the number of balls of a network after it is repeated and cut, from the ``number``
-        before; cells are counted in the same way.
+        before; or of its cells, from their number before. Flat walls that a cut adds do not count.
         """
         n_layers = math.prod(layers for _, layers, _ in self.cut)
         return number * math.prod(self.repeat) * n_layers

@@ -323,9 +323,9 @@ def _choose_directions(
     with the polarisation ``name`` and the wave vector ``q`` (d,), 1/m.
 
     ``free_axes`` (a, 3) are the axes along which balls can move, or about which balls can turn;
-    ``direction`` (d,) is the one that the user requests, or None. Raises
-    :class:`~granphon.base.errors.InputError` for q = 0 without a direction, and for a direction of
-    a transverse wave along q.
+    ``direction`` (1,) to (3,) is the one that the user requests, or None. Raises
+    :class:`~granphon.base.errors.InputError` for what is no vector, for q = 0 without a direction
+    unless the wave is rotational, and for a direction of a transverse wave along q.
     """
     requested = None
     if direction is not None:
@@ -750,7 +750,8 @@ class SpectralFunction(Refinable):
         frequencies of the one with the highest ``top``.
 
         The others are interpolated to these frequencies by cubic splines, to about 1e-3 of their
-        peaks. More moments cannot be computed of the mean.
+        peaks. The wave vectors, moments and warnings of the mean are those of that one. More
+        moments cannot be computed of the mean.
 
         Raises :class:`~granphon.base.errors.InputError` for what is no list or tuple, if there is
         no spectral function, for what is none, if wave vectors or polarisations differ, or if
