@@ -41,10 +41,10 @@ def amplitude_shift(x: Any, q: ArrayLike, branch: int = 0, law: Any = None) -> f
 
     Raises :class:`~granphon.base.errors.InputError` for what :class:`NonlinearWaves` refuses, for a
     law that is no power of the overlap, and for contacts without an overlap; for a network that
-    does not repeat, and for ``q`` of another shape, not finite, or with a component beyond those of
-    the periods; for a number that no branch has, and for a branch whose frequency at q is zero or that
-    of another branch, or in which balls only turn; if a wave of wave vector 2 q has twice the
-    frequency; and for a network whose dense matrices do not fit into memory. Raises
+    does not repeat, and for ``q`` of another shape, not finite, or with a component beyond the
+    first p that is not zero; for a number that no branch has, and for a branch whose frequency at q
+    is zero or that of another branch, or in which balls only turn; if a wave of wave vector 2 q has
+    twice the frequency; and for a network whose dense matrices do not fit into memory. Raises
     :class:`~granphon.base.errors.PrecisionError` for ``q`` too far from Gamma.
     """
     waves = NonlinearWaves(x, law)

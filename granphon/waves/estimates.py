@@ -69,7 +69,8 @@ _FACTORS_OF_MODULI = 0.6
 
 class WaveEstimate:
     """Estimates of the cost of results for the network of an ``operator``, by the names of the
-    methods of :class:`~granphon.waves.waves.Waves` that find them.
+    methods of :class:`~granphon.waves.waves.Waves` that find them; and by "transmission" and
+    "moduli", which other functions find.
     """
 
     def __init__(self, operator: WaveOperator) -> None:

@@ -980,7 +980,9 @@ class _Energies:
 
 def _find_stiffest(normal: Powers | PairLaws, e: Array) -> Array:
     """Return the largest stiffness (n_c,), N/m, of each contact on the way to its elongation ``e``
-    (n_c,), m: the normal one, or that of a flat punch as wide as the contact if it is larger.
+    (n_c,), m, at which it is pressed. It is taken to be that at the end, as stiffnesses grow with
+    the overlap: the normal one, or that of a flat punch as wide as the contact if it is larger. By
+    a tabulated law, whose stiffness may fall, it is the largest normal one.
     """
     _, stiffness = normal.press(e)
     if isinstance(normal, PairLaws):
@@ -1867,7 +1869,7 @@ class _System:
     def _update_pairs(self, strokes: Array) -> None:
         """List anew the pairs that may meet, before a step that moves driven bodies to ``strokes``,
         m, if a ball has moved by more than :data:`_LISTED_SHARE` times the margin since they were
-        listed.
+        listed. Displacements are measured only when their bound is above half of the margin.
 
         Raises :class:`_Stop` if balls without a law have met.
         """

@@ -361,7 +361,7 @@ def _place_points(pole: Complex, low: Array, high: Array) -> Array:
 
 
 class _Windows(NamedTuple):
-    """Windows of frequencies about peaks, which the methods change.
+    """Windows of frequencies about peaks; :meth:`widen` and :meth:`replace` change them in place.
 
     Attributes
     ----------
@@ -404,9 +404,9 @@ def _find_windows(
     """Return a window about the peaks in each of the ``rows`` (n,) of ``magnitude`` (n_f, n_r) over
     ``frequencies`` (n_f,), Hz; ``is_peak`` (n, n_r) says which receivers have a peak there.
 
-    To either side the window ends at the frequency at which the square of the magnitude has fallen
-    to half, or if it rises before or does not fall so far, at the next frequency. A window holds
-    those of all receivers with a peak in its row.
+    To either side the window ends at the first of the frequencies at which the square of the
+    magnitude has fallen to half; or if it rises before or does not fall so far, at the frequency
+    next to the peak. A window holds those of all receivers with a peak in its row.
     """
     low, high = np.full((2, rows.size), np.nan)
     windows = _Windows(low, high, float(frequencies[0]), float(frequencies[-1]))

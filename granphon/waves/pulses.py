@@ -154,8 +154,8 @@ class Course:
     period : distance after which planes across the direction meet themselves, m; infinity if no
         period of the network leads along the direction.
     origin : coordinate along the direction of the beginning of the course, m.
-    face : place from which the distance of receivers is counted if the network was given ends, m;
-        else nan.
+    face : place from which distances count if the network was given ends and a plane is pushed, m;
+        nan if it was given none.
     is_known_stable : whether it is known that static forces push over no ball of the network.
     contacts : (n_c,) index of each contact of the network among those of the network before its
         ends were cut; None if no contact was cut.

@@ -385,7 +385,7 @@ class ResponseOptions(NamedTuple):
     Attributes
     ----------
     quantity : one of :data:`QUANTITIES`.
-    method : one of :data:`METHODS`, or None for the faster one.
+    method : one of :data:`METHODS`, or None, see :meth:`ResponseWork.choose`.
     tolerance : bound of the error, over the largest value at a frequency, at which a Krylov space
         ends; above zero and below 1.
     """
@@ -1317,14 +1317,14 @@ class _Problem:
         """Return the signals of the receivers at ``omega`` (n_f,), rad/s, by the ``method``, to the
         ``tolerance``.
 
-        Without a method each frequency is solved by the faster one. Then, in a second pass, factors
-        solve the frequencies that a Krylov space has not found, and, if this takes little time,
-        those that it has found with too large an error.
+        Without a method :meth:`ResponseWork.choose` decides how each frequency is solved. Then, in
+        a second pass, factors solve the frequencies that a Krylov space has not found, and, if this
+        takes little time, those that it has found with too large an error.
 
         Raises what :meth:`ResponseWork.choose` raises;
         :class:`~granphon.base.errors.InputError` for the frequency of a mode without losses; and
-        :class:`~granphon.base.errors.ConvergenceError` if a Krylov space finds no values and was
-        named, or the network is too large for factors.
+        :class:`~granphon.base.errors.ConvergenceError` if a Krylov space does not find the values
+        of all its frequencies, and either it was named, or the network is too large for factors.
         """
         work = ResponseWork(self.operator, self.losses, omega, tolerance)
         is_factorised, _ = work.choose(method)

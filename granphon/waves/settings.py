@@ -940,7 +940,8 @@ def _read_balls(value: Any) -> tuple[int, ...] | str:
     """Return one of :data:`FACES`, or the indices of balls that a number, a list of numbers or a
     text of these gives.
 
-    Raises :class:`Refused` for another word, and for a ball that is given twice.
+    Raises :class:`Refused` for another word, for what are no whole numbers from 0 to 100,000,000,
+    and for a ball that is given twice.
     """
     if isinstance(value, str) and not value[:1].isdecimal():
         return choice(value, FACES)

@@ -864,6 +864,8 @@ def test_average_over_arrays():
     np.testing.assert_allclose(
         SpectralFunction.average(found[:1]).values, found[0].values, rtol=1e-12
     )
+    with pytest.raises(InputError, match="or is a mean"):
+        mean.with_moments(30)
     with pytest.raises(InputError, match="same resolution"):
         SpectralFunction.average([found[0], every[1].spectral_function(q, resolution=200.0)])
     with pytest.raises(InputError, match="other wave vectors"):
