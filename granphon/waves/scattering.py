@@ -290,10 +290,12 @@ def _make_stiffness_function(
     """Return a function of the angular frequency, rad/s, that returns the stiffness of a strip with
     its ``losses``: a sparse matrix (size, size), (rad/s)^2.
 
-    The strip is the network of the ``operator``; ``q`` (p,) is the wave vector along its layers, in
-    fractions. Waves go as exp(-i omega t), so that losses enter with the factor -i.
+    The strip is the network of the ``operator``; ``q`` (p,) is the wave vector along its p periods,
+    in fractions, in their order. Waves go as exp(-i omega t), so that losses enter with the factor
+    -i.
     """
-    phase = np.exp(2.0j * np.pi * (operator.network.shift[:, : len(q)] @ q))
+    axes = np.flatnonzero(operator.network.pbc)
+    phase = np.exp(2.0j * np.pi * (operator.network.shift[:, axes] @ q))
     springs = operator.weigh(phase=phase).tocsc()
     if losses.is_none:
         return lambda w: springs
