@@ -261,9 +261,9 @@ class Waves:
             can.
         resolution : standard deviation of the kernel at frequency zero, Hz; at higher frequencies
             the kernel is narrower.
-        direction : (1,) to (3,) vector. A transverse wave moves along its part across q, a
-            rotational wave turns about it, and a wave with q = 0, which has no direction of its
-            own, moves along it.
+        direction : (1,) to (3,) vector. A transverse wave moves along its part across q, and a
+            rotational wave turns about its part along the axes about which balls turn. A wave of
+            displacements with q = 0, which has no direction of its own, moves along it.
         moments : number of Chebyshev moments, in place of the resolution; 256 without either.
 
         Raises :class:`~granphon.base.errors.InputError` for a q that the cell does not have (the
