@@ -921,7 +921,10 @@ class ResponseWork:
         if self.even_losses is not None:
             return ""
         if self.operator.whole is not None:
-            return "Static tangential forces, or levers of slip that exceed arms, have no potential"
+            return (
+                "Static tangential forces or torques, or levers of slip that exceed arms, have no"
+                " potential"
+            )
         is_lossless = np.sum(self.row_losses, axis=0) == 0.0
         has_lossless_motions = bool(np.any(is_lossless)) and not np.all(self.drags > 0.0)
         return "Some motions lose energy, and others lose none" if has_lossless_motions else ""

@@ -158,10 +158,11 @@ def transmission(
 
     Raises
     ------
-    InputError : a lead without the axis as a period; leads or a strip that do not fit, or with
-        other motions of balls; a floor or clamped balls between them; a strip with forces that have
-        no potential, which are static tangential forces and torques, and slip by levers that exceed
-        the arms of contacts; leads or a strip too wide for the memory; wrong numbers.
+    InputError : a lead without the axis as a period, or whose layers no contact joins; leads or a
+        strip that do not fit, or with other motions of balls; a floor or clamped balls between
+        them; leads or a strip with forces that have no potential, which are static tangential
+        forces and torques, and slip by levers that exceed the arms of contacts; leads or a strip
+        too wide for the memory; wrong numbers.
     PrecisionError : a ``q`` too far from Gamma; a frequency at the very edge of a band, or so low
         or high that the waves of the leads cannot be told apart; one that is exactly that of a mode
         of the strip which no wave of the leads reaches; and one at which without losses the two
@@ -279,8 +280,10 @@ def _require_strip(operator: WaveOperator, leads: Sequence[_Lead]) -> None:
         )
     if operator.whole is not None:
         raise InputError(
-            "the strip has static tangential forces, or slip by levers that exceed the arms",
+            "the strip has static tangential forces or torques, or slip by levers that exceed the"
+            " arms",
             "These have no potential, so that the energies of waves would not add up",
+            "Leave static forces out (prestress=False)",
         )
 
 
@@ -640,9 +643,9 @@ class _Lead(NamedTuple):
         """Return the lead of a state or network; the arguments are those of
         :func:`transmission`.
 
-        Raises :class:`~granphon.base.errors.InputError` for what has no network, for an axis that
-        is no period, and for a wave vector of another shape or not finite; and
-        :class:`~granphon.base.errors.PrecisionError` for a wave vector too far from Gamma.
+        Raises :class:`~granphon.base.errors.InputError` for what has no network, and for a wave
+        vector of another shape or not finite; :class:`~granphon.base.errors.PrecisionError` for a
+        wave vector too far from Gamma; and what :class:`HalfSpace` raises for the axis.
         """
         space = HalfSpace(given_network(source), axis)
         wavevector = space.read_wavevector(q)
@@ -902,9 +905,9 @@ class TransmissionWork:
     ) -> Self:
         """Return the work of a :func:`transmission` with these arguments.
 
-        Raises :class:`~granphon.base.errors.InputError` for what has no network, for a lead without
-        the axis as a period, for wrong numbers, and as the constructor does; and
-        :class:`~granphon.base.errors.PrecisionError` for ``q`` too far from Gamma.
+        Raises :class:`~granphon.base.errors.InputError` for a strip that has no network, and for
+        frequencies that are not ascending and above zero; and as :meth:`_Lead.of` and the
+        constructor do.
         """
         hertz = frequency_array("frequencies", frequencies, "above zero")
         first = _Lead.of(left, axis, q)
