@@ -76,7 +76,7 @@ def find_local_density(
     :meth:`granphon.waves.waves.Waves.local_dos`.
 
     Raises :class:`~granphon.base.errors.InputError` for a ball that is not there or does not move,
-    for frequencies that are not finite, below zero or of another shape, and for more of them than
+    for no frequency, frequencies that are not finite, below zero or of another shape, and more than
     memory holds; and what :meth:`Kernel.of` and :meth:`Moments.first` raise.
     """
     network = operator.network
