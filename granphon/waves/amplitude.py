@@ -34,16 +34,17 @@ def amplitude_shift(x: Any, q: ArrayLike, branch: int = 0, law: Any = None) -> f
     Parameters
     ----------
     x : a state at one load, or a network that repeats, without ``prestress``.
-    q : (p,) or (3,), wave vector in fractions of the reciprocal cell.
+    q : (p,) or (3,), wave vector in fractions of the reciprocal vectors of the p periods, in their
+        order; of three components those beyond the first p are zero.
     branch : number of the branch, from 0 on in ascending frequency.
     law : the law of normal forces, as for :class:`NonlinearWaves`.
 
     Raises :class:`~granphon.base.errors.InputError` for what :class:`NonlinearWaves` refuses, for a
     law that is no power of the overlap, and for contacts without an overlap; for a network that
-    does not repeat, and for ``q`` of another shape, not finite, or with a component across the
-    periods; for a number that no branch has, and for a branch whose frequency at q is zero or that
-    of another branch, or in which balls only turn; if a wave of wave vector 2 q has twice the
-    frequency; and for a network whose dense matrices do not fit into memory. Raises
+    does not repeat, and for ``q`` of another shape, not finite, or with a component beyond the
+    first p that is not zero; for a number that no branch has, and for a branch whose frequency at q
+    is zero or that of another branch, or in which balls only turn; if a wave of wave vector 2 q has
+    twice the frequency; and for a network whose dense matrices do not fit into memory. Raises
     :class:`~granphon.base.errors.PrecisionError` for ``q`` too far from Gamma.
     """
     waves = NonlinearWaves(x, law)
@@ -126,7 +127,11 @@ def _read_wavevector(network: ContactNetwork, q: ArrayLike) -> Array:
         raise InputError("q is not finite", mend="Give finite numbers")
     require_digits(wavevector)
     if np.any(wavevector[p:]):
-        raise InputError("q has a component across the periods", mend="Give 0 for it")
+        raise InputError(
+            f"q has a component beyond the first {p}",
+            "The first ones are those of the periods, in their order",
+            "Give 0 for all others",
+        )
     return wavevector[:p]
 
 

@@ -26,11 +26,11 @@ def find_branches(operator: WaveOperator, q: ArrayLike, count: int) -> Array:
     """Return the ``count`` lowest frequencies (n_q, count), Hz, at wave vectors ``q`` (n_q, p), in
     fractions of the reciprocal cell; see :meth:`granphon.waves.waves.Waves.branches`.
 
-    Raises what :func:`read_count` and :func:`read_wavevectors` raise;
-    :class:`~granphon.base.errors.InstabilityError` at the first wave vector at which a squared
-    frequency is below zero; and :class:`~granphon.base.errors.ConvergenceError` if the branches of
-    a large network are not found. In networks with static tangential forces no square raises an
-    error (:func:`_require_stable`): squares below zero are returned as frequencies of zero.
+    Raises what :func:`read_count` and :func:`read_wavevectors` raise, and what
+    :func:`_require_stable` raises at the first wave vector at which a squared frequency is below
+    zero; :class:`~granphon.base.errors.InputError` if the motions of balls deform no contact; and
+    :class:`~granphon.base.errors.ConvergenceError` if the branches of a large network are not
+    found. Squares below zero that raise no error are returned as frequencies of zero.
     """
     count = read_count(operator, count)
     wavevectors = read_wavevectors(operator, q)
@@ -97,8 +97,8 @@ def _require_stable(operator: WaveOperator, squares: Array) -> None:
     frequencies ``squares`` (count,), (rad/s)^2, of a wave vector is below zero by more than
     :func:`find_allowed_fall`.
 
-    Networks with static tangential forces pass: :attr:`WaveOperator.whole` decides whether they are
-    stable, and these eigenvalues do not.
+    Networks with forces that have no potential, such as static tangential ones, pass:
+    :attr:`WaveOperator.whole` decides whether they are stable, and these eigenvalues do not.
     """
     if operator.whole is None and float(np.min(squares)) < -find_allowed_fall(operator):
         raise explain_instability(operator.network)

@@ -340,8 +340,8 @@ class Refinable(Result):
     """A frozen spectrum, broadened by the Jackson kernel, that can be computed again with more
     moments or a finer resolution.
 
-    More moments are computed from the network, which plain data and pickles do not keep: a spectrum
-    from data stays as it is.
+    More moments are computed from the network, which plain data and pickles do not keep, and means
+    of spectra do not have: a spectrum from data, or that is a mean, stays as it is.
 
     Attributes
     ----------
@@ -353,7 +353,8 @@ class Refinable(Result):
     frequencies: Array
     top: float
     moments: int
-    #: the function that finds the result of a number of moments; None in a result from data
+    #: the function that finds the result of a number of moments; None in a result from data, and in
+    #: a mean of results
     _finder: Callable[..., Any] | None = None
 
     def _check(self) -> None:
@@ -385,31 +386,34 @@ class Refinable(Result):
     def _require_finder(self) -> Callable[..., Self]:
         """Return the function that finds the result of a number of moments.
 
-        Raises :class:`~granphon.base.errors.InputError` if this result was read from data.
+        Raises :class:`~granphon.base.errors.InputError` if this result was read from data, or is a
+        mean.
         """
         if self._finder is None:
             name = type(self).__name__
-            mend = "Ask gp.Waves(network) for it again"
             raise InputError(
-                f"this {name} was read from data, which do not have the network", mend=mend
+                f"this {name} was read from data, or is a mean",
+                "Then it does not have the network",
+                "Ask gp.Waves(network) for it again; of a mean, for each of its parts",
             )
         return self._finder
 
     def with_moments(self, moments: int) -> Self:
-        """Return the result of this number of moments; moments that are known, and whose vectors
-        were small enough to be kept, are not computed again.
+        """Return the result of this number of moments. Moments that are known are not computed
+        again, unless more are requested and the vectors were too large to be kept.
 
         The result is the same, bit for bit, as if that number had been requested at once. Raises
-        :class:`~granphon.base.errors.InputError` if this result was read from data, and for a
-        number that is not whole or out of range.
+        :class:`~granphon.base.errors.InputError` if this result was read from data, or is a mean;
+        for a number that is not whole or out of range; and for more moments than memory, or the
+        limit on the moments of all random vectors, allows.
         """
         return self._require_finder()(Kernel.of(self.top, moments=moments).moments)
 
     def with_resolution(self, resolution: float) -> Self:
         """Return the result whose resolution is at least as fine as ``resolution``, Hz, with the
-        fewest moments; see :meth:`with_moments`.
+        fewest moments; see :meth:`with_moments`, which also says what is raised.
 
-        Raises :class:`~granphon.base.errors.InputError` if this result was read from data, and for
-        a resolution that is not above zero, or takes too many moments or fewer than four.
+        Raises :class:`~granphon.base.errors.InputError` also for a resolution that is not above
+        zero, or takes fewer than four moments.
         """
         return self._require_finder()(Kernel.of(self.top, resolution).moments)

@@ -76,8 +76,8 @@ def find_local_density(
     :meth:`granphon.waves.waves.Waves.local_dos`.
 
     Raises :class:`~granphon.base.errors.InputError` for a ball that is not there or does not move,
-    for frequencies that are not finite, below zero or of another shape, and for more of them than
-    memory holds; and what :meth:`Kernel.of` raises.
+    for no frequency, frequencies that are not finite, below zero or of another shape, and more than
+    memory holds; and what :meth:`Kernel.of` and :meth:`Moments.first` raise.
     """
     network = operator.network
     kernel = Kernel.of(operator.top / (2.0 * math.pi), resolution, moments)
@@ -319,9 +319,9 @@ class RandomVectors:
     trace over its own motions, and the sum of the two products lacks the noise of the terms between
     translations and rotations.
 
-    Vectors and moments that were computed are kept for later calls of :meth:`find`. ``vectors`` is
-    the number of random vectors of the first call, from which it follows whether the recursions
-    are few enough to be kept.
+    Moments that were computed are kept for later calls of :meth:`find`. The last vectors of the
+    recursions are kept too if they take little memory, which is judged by ``vectors``, the number
+    of random vectors of the first call.
     """
 
     def __init__(self, operator: WaveOperator, seed: int, vectors: int) -> None:
@@ -379,7 +379,7 @@ class RandomVectors:
 
         The density and its error are the mean over the random vectors and the standard error of the
         mean. Raises :class:`~granphon.base.errors.InputError` for more vectors than
-        :data:`MOST_MOMENTS` allows.
+        :data:`MOST_MOMENTS` allows, and what :meth:`Moments.first` raises.
         """
         vectors = whole_number("vectors", vectors, 1, MOST_MOMENTS // moments)
         kernel = Kernel(self._operator.top / (2.0 * math.pi), moments)

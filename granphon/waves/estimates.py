@@ -69,7 +69,8 @@ _FACTORS_OF_MODULI = 0.6
 
 class WaveEstimate:
     """Estimates of the cost of results for the network of an ``operator``, by the names of the
-    methods of :class:`~granphon.waves.waves.Waves` that find them.
+    methods of :class:`~granphon.waves.waves.Waves` that find them; and by "transmission" and
+    "moduli", which other functions find.
     """
 
     def __init__(self, operator: WaveOperator) -> None:
@@ -79,12 +80,8 @@ class WaveEstimate:
         """Return the function that finds the cost of the result ``name``, one of :data:`FINDERS`,
         with the ``arguments`` and ``options`` of its method.
 
-        The function raises :class:`~granphon.base.errors.InputError` for values that the method
-        refuses; :class:`~granphon.base.errors.ConvergenceError` for a response that takes too much;
-        and :class:`~granphon.base.errors.InstabilityError` for an array that does not hold between
-        the free ends of a pulse.
-
-        Raises :class:`~granphon.base.errors.InputError` for a name without an estimate, and
+        The function raises what :meth:`granphon.waves.waves.Waves.estimate` raises for values. This
+        method raises :class:`~granphon.base.errors.InputError` for a name without an estimate, and
         TypeError for arguments that the method does not have, and if some are missing.
         """
         find_cost = partial(FINDERS[one_of("the result", name, FINDERS)], self)
@@ -94,7 +91,7 @@ class WaveEstimate:
     @cached_property
     def _matrix_bytes(self) -> float:
         """Memory of D while it is made, bytes."""
-        if self.operator.vectors_at_once == 1:
+        if self.operator.vectors_at_once == 1:  # D of an array, by stencils
             return _STENCIL_BYTES * self.operator.network.n_contacts
         matrix = self.operator.matrix
         return _MAKING_SHARE * (matrix.data.nbytes + matrix.indices.nbytes)

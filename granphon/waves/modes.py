@@ -381,9 +381,9 @@ def find_roots(operator: WaveOperator, squares: Array) -> Array:
     ascending; squares below zero count as zero.
 
     Raises :class:`~granphon.base.errors.InstabilityError` if a square is below zero by more than
-    :func:`find_allowed_fall`. With static tangential forces no square raises the error: D lacks the
-    antisymmetric part of these forces, and so may have squares below zero though the network is
-    stable.
+    :func:`find_allowed_fall`. With forces that have no potential, such as static tangential ones,
+    no square raises the error: D lacks their antisymmetric part (:attr:`WaveOperator.whole`), and
+    so may have squares below zero though the network is stable.
     """
     if operator.whole is None and squares[0] < -find_allowed_fall(operator):
         raise explain_instability(operator.network)
@@ -713,12 +713,14 @@ class _FilterSearch:
         return window, n_starts
 
     def filter(self, window: _Window, n_starts: int) -> tuple[_FoundModes, bool] | None:
-        """Return all modes of a ``window``, and whether the requested modes are among them; None if
-        this takes more vectors than there are modes.
+        """Return the modes that are found in a ``window``, and whether the requested modes are
+        among them; None if this takes more vectors than there are modes.
 
         The search begins with ``n_starts`` random vectors. Then it filters fresh random vectors,
-        which show whether a mode is missing: if so, the fresh vectors are added to the basis in
-        which modes are sought, until no mode is missing. Raises what :func:`find_filtered` raises.
+        which show whether a mode is missing in the range of the requested modes, or in the middle
+        part of the window if the requested modes reach beyond it. If so, the fresh vectors are
+        added to the basis in which modes are sought, until no mode is missing there. Raises what
+        :func:`find_filtered` raises.
         """
         problem = self.problem
         basis = np.zeros((problem.operator.size, 0))
@@ -813,8 +815,9 @@ def estimate_modes(operator: WaveOperator, count: int, nearest: float | None) ->
     zero modes goes on with filters, which are not counted.
 
     Where modes are filtered, this function computes the density of states, which is a small part of
-    the search. Raises :class:`~granphon.base.errors.InputError` for modes that take too much, and
-    what :func:`read_request` raises.
+    the search. Raises :class:`~granphon.base.errors.InputError` for modes that take too much;
+    :class:`~granphon.base.errors.InstabilityError` if that density meets a squared frequency below
+    zero; and what :func:`read_request` raises.
     """
     count, target = read_request(operator, count, nearest)
     problem = Problem.of(operator)
@@ -1040,8 +1043,9 @@ class NetworkModes(Result):
 
     @cached_property
     def sensitivities(self) -> FrequencySensitivities:
-        """Derivatives of the frequencies (m,) with respect to the stiffnesses and static forces of
-        all contacts, and the masses and moments of inertia of all balls.
+        """Derivatives of the frequencies (m,) with respect to the stiffnesses and static normal
+        forces of all contacts, to the masses and moments of inertia of all balls, and to springs
+        that tie balls to the ground, also where there is none.
 
         Modes whose frequencies agree to 1e-8 all get the derivative of their mean frequency. A mode
         of that frequency that is not among these modes does not count: request a few modes more if
@@ -1207,8 +1211,8 @@ def find_damped(
     frequency ``nearest``, Hz; see :meth:`granphon.waves.waves.Waves.damped_modes`, which says what
     is raised.
 
-    If the ``losses`` are the same in all contacts and motions, modes without losses are found and
-    then damped. Else the damped modes are found by a matrix of first order.
+    If the ``losses`` are even (:meth:`Losses.find_even`), modes without losses are found and then
+    damped. Else the damped modes are found by a matrix of first order.
     """
     even_losses = losses.find_even()
     if even_losses is not None:
@@ -1253,7 +1257,10 @@ def _find_unevenly_damped(
     top = operator.top
     live = problem.live
     if not problem.has_factors:
-        mend = "Damp all contacts alike, or take a smaller network"
+        mend = (
+            "Damp all contacts alike, if neither static forces nor springs to the ground act, or"
+            " take a smaller network"
+        )
         raise InputError(f"{live.size:,} motions that are damped unevenly are too many", mend=mend)
     # in units of the top frequency: x'' + viscous x' + stiffness x = 0
     complex_matrix = (operator.matrix + 1j * operator.weigh(losses.factors)) / top**2
@@ -1319,9 +1326,9 @@ def _find_damped_near(
     Arnoldi's method with factors; arguments and results are those of :func:`_find_damped_dense`.
 
     Raises :class:`~granphon.base.errors.InputError` if fewer modes cost energy, or if so many are
-    requested that Arnoldi's method would have to find half of all rates, of which each mode has
-    two; :class:`~granphon.base.errors.ConvergenceError` if the iteration does not end; and what
-    :func:`_find_zero_motions` raises.
+    requested that Arnoldi's method would have to find more rates, of which each mode has two, than
+    modes cost energy; :class:`~granphon.base.errors.ConvergenceError` if the iteration does not
+    end; and what :func:`_find_zero_motions` raises.
     """
     zero_motions = _find_zero_motions(problem, count)
     n_elastic = problem.live.size - zero_motions.shape[1]
@@ -1459,7 +1466,7 @@ def _drop_second_rates(omega: Complex, shapes: Complex, viscous: Any) -> tuple[C
 # -- modes of forces without a potential -----------------------------------------------------------
 
 
-def find_whole(operator: WaveOperator, count: int, nearest: float | None) -> DampedModes:
+def find_whole_modes(operator: WaveOperator, count: int, nearest: float | None) -> DampedModes:
     """Return ``count`` modes of :attr:`WaveOperator.whole`, or of D where that is None, of a
     network that is stable: the lowest, or those nearest to the frequency ``nearest``, Hz; see
     :meth:`granphon.waves.waves.Waves.whole_modes`, which says what is raised.
@@ -1492,7 +1499,8 @@ def _diagonalise_whole(
     ``matrix`` (live, live) is the whole matrix over the square of the top frequency, as are the
     squares; ``target`` is over the top frequency. Raises
     :class:`~granphon.base.errors.InputError` if fewer modes cost energy, if so many are requested
-    that Arnoldi's method would have to find a third of all, and for a matrix that is too large; and
+    that Arnoldi's method would have to find more than a third of all, and for a large matrix beyond
+    the limit of unsymmetric factors; and
     :class:`~granphon.base.errors.ConvergenceError` if the iteration does not end.
     """
     size = matrix.shape[0]
@@ -1561,13 +1569,14 @@ def is_stable(operator: WaveOperator, fall: float | None = None) -> bool:
     """Return whether no squared frequency is below zero by more than ``fall``, (rad/s)^2, by
     default :func:`find_allowed_fall`.
 
-    Only static forces can make a square lie below zero. If D has such a square and static
-    tangential forces act, the lowest real part of an eigenvalue of :attr:`WaveOperator.whole`,
-    which is not symmetric, decides. It is never below the lowest eigenvalue of D.
+    Only static forces can make a square lie below zero. If D has such a square, and some forces
+    have no potential, as static tangential ones, the lowest eigenvalue of
+    :attr:`WaveOperator.whole`, which is not symmetric, decides by its real part. This is never
+    below the lowest eigenvalue of D.
 
     For networks too large to be factorised the lowest Ritz value of a Krylov space of D decides.
-    With static tangential forces this value may be below zero by :data:`_RITZ_ERROR` times top^2,
-    whatever ``fall`` is.
+    With forces that have no potential this value may be below zero by :data:`_RITZ_ERROR` times
+    top^2, whatever ``fall`` is.
 
     Raises :class:`~granphon.base.errors.ConvergenceError` if the matrix cannot be factorised, or
     the lowest eigenvalue of the whole matrix is not found.
@@ -1594,7 +1603,8 @@ def find_falling_motions(operator: WaveOperator, fall: float) -> Array:
 
     ``fall`` is above zero. If the network has :attr:`WaveOperator.whole`, only the lowest mode of
     this matrix is returned, as the sizes of its complex numbers. Raises
-    :class:`~granphon.base.errors.InstabilityError` for a network too large to be factorised.
+    :class:`~granphon.base.errors.InstabilityError` for a network too large to be factorised, and
+    :class:`~granphon.base.errors.ConvergenceError` if the motions are not found.
     """
     if not _has_factors(operator):
         raise explain_instability(operator.network)
@@ -1871,7 +1881,7 @@ def count_modes(operator: WaveOperator, frequencies: Array) -> NDArray[np.intp]:
     stable; see :meth:`granphon.waves.waves.Waves.count_modes`.
 
     Zero modes count, also those of motions that nothing acts on. Raises what
-    :func:`require_countable` raises.
+    :func:`require_countable` and :meth:`Problem.count_below` raise.
     """
     require_countable(operator)
     problem = Problem.of(operator)

@@ -343,8 +343,8 @@ class Motion(Result):
         """Return the times (n_c + n_m,), s, at which the peak or the front of a pulse passes each
         contact, in the order of :attr:`forces`.
 
-        The time of the peak is that of the first maximum of the force above its value at the start,
-        if this maximum is at least half as high as the greatest. The time of the front is that of
+        The time of the peak is that of the first maximum of the force above its value at the start
+        that is at least half as high as the greatest. The time of the front is that of
         :meth:`arrivals`, when the force has changed by the part ``share`` of its first great
         change.
 
@@ -688,7 +688,7 @@ class Frames:
         ``forces`` and ``shears`` (n_c + n_p,), N, are the normal forces and the forces of slip of
         the contacts of the network, and then of the n_p pairs in ``met``, (i, j, shift) each, which
         may be others in each frame. A pair gets a column of its own, in all frames, when it first
-        pushes. A new column makes a file be written anew.
+        has a normal force. For a new column the whole file is written anew.
         """
         n_contacts = self._network.n_contacts
         has_new_column = False
@@ -816,9 +816,9 @@ def _begin_file(
     met: Index,
     frame: Mapping[str, Any],
 ) -> RecordFile:
-    """Begin the file of a motion and return it, open: it holds the ``network``, the time ``step``,
-    s, and ``met`` (n_m, 2), the balls of contacts beside those of the network, and takes frames
-    with the fields and shapes of ``frame``, which is not written.
+    """Begin the file of a motion and return it, open. It holds the ``network``; the ``step`` of the
+    integration, s; and ``met`` (n_m, 2), the balls of contacts beside those of the network. It
+    takes frames with the fields and shapes of ``frame``, which itself is not written.
 
     The ``file`` is a path, where a file is made, or emptied and locked, or it is an open binary
     stream that is empty and can seek. Raises the errors of :class:`RecordFile`.

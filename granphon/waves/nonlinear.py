@@ -212,8 +212,9 @@ class NonlinearWaves:
         for another word than those of ``viscous_pull``, ``coulomb`` and ``geometry``; for a network
         with ``prestress`` and the geometry "lattice", in which its static forces act sideways; for
         one with ``prestress`` and the ``slip_levers`` "yade"; for numbers out of range; for gravity
-        of another shape, or along an axis along which no ball moves; for a coefficient of friction
-        above zero where no contact resists slip, and ``coulomb="total"`` without a coefficient.
+        of another shape, or along an axis along which no ball moves; for a finite coefficient of
+        friction above zero where no contact resists slip, and ``coulomb="total"`` without a finite
+        coefficient.
     """
 
     def __init__(
@@ -278,7 +279,9 @@ class NonlinearWaves:
         those of the crystal of a ``state``, and without such a state Hertz's law.
 
         ``is_unloaded`` says that a crystal was given in place of a state, so that balls touch
-        without force. Raises :class:`~granphon.base.errors.InputError` if the laws are not known.
+        without force. Raises :class:`~granphon.base.errors.InputError` for any ``law`` beside such
+        a crystal, for laws of balls that adhere, which only a crystal may have, for what is no law,
+        and as :meth:`_make_crystal_laws` and :meth:`_make_power_laws` do.
         """
         if law is None and state is not None:
             return self._make_crystal_laws(state.crystal, is_unloaded)
@@ -706,7 +709,8 @@ def require_slip(mu: float, *, has_slip: bool) -> None:
     raise InputError(
         f"friction_coefficient is {mu:g}, and no contact resists slip",
         "The balls have no friction, or move along a line",
-        "Leave friction_coefficient out, or give a network with friction",
+        "Leave friction_coefficient out, or give balls with friction that move in a plane or in"
+        " space",
     )
 
 
@@ -976,7 +980,9 @@ class _Energies:
 
 def _find_stiffest(normal: Powers | PairLaws, e: Array) -> Array:
     """Return the largest stiffness (n_c,), N/m, of each contact on the way to its elongation ``e``
-    (n_c,), m: the normal one, or that of a flat punch as wide as the contact if it is larger.
+    (n_c,), m, at which it is pressed. It is taken to be that at the end, as stiffnesses grow with
+    the overlap: the normal one, or that of a flat punch as wide as the contact if it is larger. By
+    a tabulated law, whose stiffness may fall, it is the largest normal one.
     """
     _, stiffness = normal.press(e)
     if isinstance(normal, PairLaws):
@@ -1878,7 +1884,7 @@ class _System:
     def _update_pairs(self, strokes: Array) -> None:
         """List anew the pairs that may meet, before a step that moves driven bodies to ``strokes``,
         m, if a ball has moved by more than :data:`_LISTED_SHARE` times the margin since they were
-        listed.
+        listed. Displacements are measured only when their bound is above half of the margin.
 
         Raises :class:`_Stop` if balls without a law have met.
         """

@@ -671,8 +671,9 @@ class WaveOperator(LinearOperator):
 
 
 def make_operator(network: ContactNetwork, progress: Progress = silent) -> WaveOperator:
-    """Return D of a network: by stencils if the network is a large array of equal masses, else by a
-    sparse matrix. ``progress`` is told how far long work with D has come.
+    """Return D of a network: by stencils if the network has :data:`_LEAST_BALLS` balls or more and
+    is an array that stencils describe (:func:`find_kinds`), else by a sparse matrix. ``progress``
+    is told how far long work with D has come.
     """
     is_large = network.n_balls >= _LEAST_BALLS
     kinds = find_kinds(network) if is_large else None

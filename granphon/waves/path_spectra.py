@@ -302,7 +302,7 @@ def find_path_points(
     Left out are wave vectors of Gamma, those farther off the path than half the distance of two
     points, and repeated ones. ``spacing`` is the unit of length of the ``lattice``, m. The ``path``
     is that of :func:`find_path_spectra`. Raises :class:`~granphon.base.errors.InputError` for fewer
-    than two points, and if no wave vector is left.
+    than two points, and if no wave vector is left; and what :func:`nearest_wavevectors` raises.
     """
     count = whole_number("points", points, 2)
     pieces = [lattice.wavevectors(piece) / spacing for piece in path]  # (corners, p), 1/m

@@ -361,7 +361,7 @@ def _place_points(pole: Complex, low: Array, high: Array) -> Array:
 
 
 class _Windows(NamedTuple):
-    """Windows of frequencies about peaks, which the methods change.
+    """Windows of frequencies about peaks; :meth:`widen` and :meth:`replace` change them in place.
 
     Attributes
     ----------
@@ -391,7 +391,8 @@ class _Windows(NamedTuple):
 
     def replace(self, number: int, ends: Array) -> None:
         """Replace the window of this ``number`` by the smallest that holds k windows with the
-        lower and upper ``ends`` (2, k), Hz.
+        lower and upper ``ends`` (2, k), Hz, as far as these are not below :attr:`least` or above
+        :attr:`greatest`.
         """
         self.low[number] = max(float(np.min(ends[0])), self.least)
         self.high[number] = min(float(np.max(ends[1])), self.greatest)
@@ -403,9 +404,9 @@ def _find_windows(
     """Return a window about the peaks in each of the ``rows`` (n,) of ``magnitude`` (n_f, n_r) over
     ``frequencies`` (n_f,), Hz; ``is_peak`` (n, n_r) says which receivers have a peak there.
 
-    To either side the window ends at the frequency at which the square of the magnitude has fallen
-    to half, or if it rises before or does not fall so far, at the next frequency. A window holds
-    those of all receivers with a peak in its row.
+    To either side the window ends at the first of the frequencies at which the square of the
+    magnitude has fallen to half; or if it rises before or does not fall so far, at the frequency
+    next to the peak. A window holds those of all receivers with a peak in its row.
     """
     low, high = np.full((2, rows.size), np.nan)
     windows = _Windows(low, high, float(frequencies[0]), float(frequencies[-1]))
@@ -601,8 +602,9 @@ class _Quotient(NamedTuple):
     def find_peak(
         self, expected_position: float, can_widen: NDArray[np.bool_]
     ) -> _PeakShape | None:
-        """Return the peak nearest to the ``expected_position``; None if there is no peak within -1
-        and 1.
+        """Return the peak nearest to the ``expected_position``; None if there is no maximum within
+        -1 and 1, or if the nearest one is that of a zero which numerator and denominator have in
+        common but for rounding.
 
         The next window of the peak holds the positions at which the square of the magnitude is half
         of that of the peak, with a margin. If the magnitude still falls at an end of this window,

@@ -154,8 +154,8 @@ class Course:
     period : distance after which planes across the direction meet themselves, m; infinity if no
         period of the network leads along the direction.
     origin : coordinate along the direction of the beginning of the course, m.
-    face : place from which the distance of receivers is counted if the network was given ends, m;
-        else nan.
+    face : place from which distances count if the network was given ends and a plane is pushed, m;
+        nan if it was given none.
     is_known_stable : whether it is known that static forces push over no ball of the network.
     contacts : (n_c,) index of each contact of the network among those of the network before its
         ends were cut; None if no contact was cut.
@@ -545,7 +545,9 @@ def drop_falling(cut: ContactNetwork, whole: ContactNetwork) -> ContactNetwork:
     stable.
 
     Raises :class:`~granphon.base.errors.InstabilityError` if the whole network is not stable, if
-    nothing of the cut network is held, or if the network is too large for its motions to be found.
+    nothing of the cut network is held, or if the network is too large for its motions to be found;
+    and :class:`~granphon.base.errors.ConvergenceError` as :func:`is_stable` and
+    :func:`find_falling_motions` do.
     """
     if not cut.prestress:
         return cut
@@ -1059,9 +1061,10 @@ class Pulse(Result):
         )
 
     def judge(self) -> tuple[str, ...]:
-        """Return warnings about the pulse: one sentence if waves are damped too much for a
-        velocity; one that says why the time of flight is not known; or, if it is known, one that
-        says how sure the velocity is if its error is above 3 percent.
+        """Return warnings about the pulse, none to two sentences. One is there if the damping ratio
+        at the frequency of the burst, by the larger of both dampings, is above 0.3, which is too
+        much for a velocity of sound. One says why the time of flight is not known; or, if the time
+        is known, how far the velocity is known, if the :attr:`velocity_error` is above 3 percent.
         """
         greatest_damping = max(self.damping, self.tangential_damping)
         damping_ratio = self._find_damping_ratio(greatest_damping)
@@ -1256,7 +1259,7 @@ class PulseSource:
 
     @property
     def losses(self) -> GivenLosses:
-        """The losses of the pulse."""
+        """The losses of the pulse; raises what :meth:`GivenLosses.with_tangential` raises."""
         losses = GivenLosses(
             self.damping, drag=self.drag, dashpot=self.dashpot, restitution=self.restitution
         )
@@ -1627,7 +1630,7 @@ def require_sendable(network: ContactNetwork, request: PulseSource) -> None:
     ``network`` is an array of equal balls. It stands for an array of differing balls that is not
     yet simulated, whose velocities and frequencies may differ by the factor :data:`MARGIN`: with
     this margin the frequency, the room of a periodic network and the number of products with D are
-    judged.
+    judged. Raises also what :meth:`Route.of` raises for the network.
     """
     route = Route.of(network, request, MARGIN)
     burst = route.burst

@@ -8,7 +8,7 @@ With forces F exp(i omega t) on balls, mass-weighted motions x = M^1/2 u obey Z 
 
 with the losses of :mod:`granphon.dynamics.damping`: the loss factors eta, the times tau and the
 matrix of drags Gamma. A maps motions to the deformations of contacts, each times the root of its
-stiffness. Of the static forces those count that have a potential, so that D is symmetric.
+stiffness. Of the static forces the part counts that has a potential, so that D is symmetric.
 
 A wall that is moved pulls at the balls that touch it with the same springs and dashpots. A sensor
 of force hears the elongations e of contacts: the forces of the contacts are
@@ -247,8 +247,9 @@ class Response(Result, array="values"):
 
     @cached_property
     def sensitivities(self) -> ResponseSensitivities:
-        """Derivatives of ``values`` with respect to the stiffnesses and static forces of all
-        contacts, and the masses and moments of inertia of all balls.
+        """Derivatives of ``values`` with respect to the stiffnesses and static normal forces of all
+        contacts, to the masses and moments of inertia of all balls, and to springs that tie balls
+        to the ground, also where there is none.
 
         When they are first asked for, the matrix is factorised at each frequency, and solved once
         more for each receiver. Raises :class:`~granphon.base.errors.InputError` for a response that
@@ -384,7 +385,7 @@ class ResponseOptions(NamedTuple):
     Attributes
     ----------
     quantity : one of :data:`QUANTITIES`.
-    method : one of :data:`METHODS`, or None for the faster one.
+    method : one of :data:`METHODS`, or None, see :meth:`ResponseWork.choose`.
     tolerance : bound of the error, over the largest value at a frequency, at which a Krylov space
         ends; above zero and below 1.
     """
@@ -748,14 +749,15 @@ class Places:
         return read_vector("direction", value, self.network.dimension)
 
     def _find_plane(self, name: str, wants_held: bool) -> Index:
-        """Return the balls (n,) of a plane across the direction.
+        """Return the indices (n,) of the balls of a plane across :attr:`along`; with ``wants_held``
+        those of the first plane of held bodies (:meth:`_find_held_plane`), whatever the ``name``.
 
-        The plane of a source (``name`` "source") is the first one. That of a receiver is at the
-        given distance from the first one, or without a distance the last one. With ``wants_held``
-        the plane is the first one of held bodies.
+        Of the balls that move, a source (``name`` "source") has the first plane. A receiver has the
+        one nearest to :attr:`distance` behind the first, less whole periods of a network that
+        repeats; or, if the distance is None, the last plane.
 
         Raises :class:`~granphon.base.errors.InputError` for a receiver without a distance in a
-        network that repeats along the direction, and if there is no such plane or body; and what
+        network that repeats along this direction, and if there is no such plane or body; and what
         :meth:`Course.along` raises.
         """
         course = Course.along(self.network, self.along)
@@ -919,7 +921,10 @@ class ResponseWork:
         if self.even_losses is not None:
             return ""
         if self.operator.whole is not None:
-            return "Static tangential forces, or levers of slip that exceed arms, have no potential"
+            return (
+                "Static tangential forces or torques, or levers of slip that exceed arms, have no"
+                " potential"
+            )
         is_lossless = np.sum(self.row_losses, axis=0) == 0.0
         has_lossless_motions = bool(np.any(is_lossless)) and not np.all(self.drags > 0.0)
         return "Some motions lose energy, and others lose none" if has_lossless_motions else ""
@@ -1077,7 +1082,10 @@ class ResponseWork:
         why = "The network is too large to be factorised"
         if self.why_no_space:
             return ConvergenceError(
-                fault, f"{why}. {self.why_no_space}", "Damp all contacts alike, or take fewer balls"
+                fault,
+                f"{why}. {self.why_no_space}",
+                "Damp all contacts alike, if neither static forces nor springs to the ground act,"
+                " or take fewer balls",
             )
         return ConvergenceError(fault, why, "Leave the method out, or take fewer balls")
 
@@ -1312,14 +1320,14 @@ class _Problem:
         """Return the signals of the receivers at ``omega`` (n_f,), rad/s, by the ``method``, to the
         ``tolerance``.
 
-        Without a method each frequency is solved by the faster one. Then, in a second pass, factors
-        solve the frequencies that a Krylov space has not found, and, if this takes little time,
-        those that it has found with too large an error.
+        Without a method :meth:`ResponseWork.choose` decides how each frequency is solved. Then, in
+        a second pass, factors solve the frequencies that a Krylov space has not found, and, if this
+        takes little time, those that it has found with too large an error.
 
         Raises what :meth:`ResponseWork.choose` raises;
         :class:`~granphon.base.errors.InputError` for the frequency of a mode without losses; and
-        :class:`~granphon.base.errors.ConvergenceError` if a Krylov space finds no values and was
-        named, or the network is too large for factors.
+        :class:`~granphon.base.errors.ConvergenceError` if a Krylov space does not find the values
+        of all its frequencies, and either it was named, or the network is too large for factors.
         """
         work = ResponseWork(self.operator, self.losses, omega, tolerance)
         is_factorised, _ = work.choose(method)

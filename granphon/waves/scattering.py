@@ -158,9 +158,11 @@ def transmission(
 
     Raises
     ------
-    InputError : a lead without the axis as a period; leads or a strip that do not fit, or with
-        other motions of balls; a floor or clamped balls between them; a strip with static
-        tangential forces; leads or a strip too wide for the memory; wrong numbers.
+    InputError : a lead without the axis as a period, or whose layers no contact joins; leads or a
+        strip that do not fit, or with other motions of balls; a floor or clamped balls between
+        them; leads or a strip with forces that have no potential, which are static tangential
+        forces and torques, and slip by levers that exceed the arms of contacts; leads or a strip
+        too wide for the memory; wrong numbers.
     PrecisionError : a ``q`` too far from Gamma; a frequency at the very edge of a band, or so low
         or high that the waves of the leads cannot be told apart; one that is exactly that of a mode
         of the strip which no wave of the leads reaches; and one at which without losses the two
@@ -278,8 +280,10 @@ def _require_strip(operator: WaveOperator, leads: Sequence[_Lead]) -> None:
         )
     if operator.whole is not None:
         raise InputError(
-            "the strip has static tangential forces, or slip by levers that exceed the arms",
+            "the strip has static tangential forces or torques, or slip by levers that exceed the"
+            " arms",
             "These have no potential, so that the energies of waves would not add up",
+            "Leave static forces out (prestress=False)",
         )
 
 
@@ -289,10 +293,12 @@ def _make_stiffness_function(
     """Return a function of the angular frequency, rad/s, that returns the stiffness of a strip with
     its ``losses``: a sparse matrix (size, size), (rad/s)^2.
 
-    The strip is the network of the ``operator``; ``q`` (p,) is the wave vector along its layers, in
-    fractions. Waves go as exp(-i omega t), so that losses enter with the factor -i.
+    The strip is the network of the ``operator``; ``q`` (p,) is the wave vector along its p periods,
+    in fractions, in their order. Waves go as exp(-i omega t), so that losses enter with the factor
+    -i.
     """
-    phase = np.exp(2.0j * np.pi * (operator.network.shift[:, : len(q)] @ q))
+    axes = np.flatnonzero(operator.network.pbc)
+    phase = np.exp(2.0j * np.pi * (operator.network.shift[:, axes] @ q))
     springs = operator.weigh(phase=phase).tocsc()
     if losses.is_none:
         return lambda w: springs
@@ -637,9 +643,9 @@ class _Lead(NamedTuple):
         """Return the lead of a state or network; the arguments are those of
         :func:`transmission`.
 
-        Raises :class:`~granphon.base.errors.InputError` for what has no network, for an axis that
-        is no period, and for a wave vector of another shape or not finite; and
-        :class:`~granphon.base.errors.PrecisionError` for a wave vector too far from Gamma.
+        Raises :class:`~granphon.base.errors.InputError` for what has no network, and for a wave
+        vector of another shape or not finite; :class:`~granphon.base.errors.PrecisionError` for a
+        wave vector too far from Gamma; and what :class:`HalfSpace` raises for the axis.
         """
         space = HalfSpace(given_network(source), axis)
         wavevector = space.read_wavevector(q)
@@ -899,9 +905,9 @@ class TransmissionWork:
     ) -> Self:
         """Return the work of a :func:`transmission` with these arguments.
 
-        Raises :class:`~granphon.base.errors.InputError` for what has no network, for a lead without
-        the axis as a period, for wrong numbers, and as the constructor does; and
-        :class:`~granphon.base.errors.PrecisionError` for ``q`` too far from Gamma.
+        Raises :class:`~granphon.base.errors.InputError` for a strip that has no network, and for
+        frequencies that are not ascending and above zero; and as :meth:`_Lead.of` and the
+        constructor do.
         """
         hertz = frequency_array("frequencies", frequencies, "above zero")
         first = _Lead.of(left, axis, q)

@@ -711,7 +711,7 @@ class NetworkSettings(EdgeSettings, kw_only=True):
 
     def count_balls(self, number: int) -> int:
         """Return the number of balls of a network after it is repeated and cut, from the ``number``
-        before; cells are counted in the same way.
+        before; or of its cells, from their number before. Flat walls that a cut adds do not count.
         """
         n_layers = math.prod(layers for _, layers, _ in self.cut)
         return number * math.prod(self.repeat) * n_layers
@@ -940,7 +940,8 @@ def _read_balls(value: Any) -> tuple[int, ...] | str:
     """Return one of :data:`FACES`, or the indices of balls that a number, a list of numbers or a
     text of these gives.
 
-    Raises :class:`Refused` for another word, and for a ball that is given twice.
+    Raises :class:`Refused` for another word, for what are no whole numbers from 0 to 100,000,000,
+    and for a ball that is given twice.
     """
     if isinstance(value, str) and not value[:1].isdecimal():
         return choice(value, FACES)

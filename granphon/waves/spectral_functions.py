@@ -123,12 +123,15 @@ def fold_wavevectors(network: ContactNetwork, q: Array) -> Array | None:
     between all balls of its cell. With one ball in the cell every G is such a vector, and the
     shortest wave vector lies in the first zone; along the axis of hcp every second G is one.
 
-    Returns None for a network of no lattice, and if no whole number up to :data:`_MOST_PARTS` makes
-    all sites whole multiples of its inverse, in fractions of the lattice vectors.
+    Returns None for a network of no lattice, or that does not repeat along all periods of its
+    lattice; and if no whole number up to :data:`_MOST_PARTS` makes all sites whole multiples of its
+    inverse, in fractions of the lattice vectors.
     """
     if network.lattice is None or network.shape is None:
         return None
     n_periods = len(network.shape)
+    if not all(network.pbc[:n_periods]):  # then the cell does not have all lattice vectors
+        return None
     # steps between the balls of a cell, in fractions of the lattice vectors
     sites = network.lattice.positions @ np.linalg.pinv(network.lattice.vectors)
     steps = sites - sites[0]
@@ -323,9 +326,9 @@ def _choose_directions(
     with the polarisation ``name`` and the wave vector ``q`` (d,), 1/m.
 
     ``free_axes`` (a, 3) are the axes along which balls can move, or about which balls can turn;
-    ``direction`` (d,) is the one that the user requests, or None. Raises
-    :class:`~granphon.base.errors.InputError` for q = 0 without a direction, and for a direction of
-    a transverse wave along q.
+    ``direction`` (1,) to (3,) is the one that the user requests, or None. Raises
+    :class:`~granphon.base.errors.InputError` for what is no vector, for q = 0 without a direction
+    unless the wave is rotational, and for a direction of a transverse wave along q.
     """
     requested = None
     if direction is not None:
@@ -611,9 +614,9 @@ class SpectralFunction(Refinable):
     shortest : (n, d) shortest wave vectors, 1/m, whose waves move all balls of the lattice as those
         of ``q``. They differ from q by reciprocal vectors G with exp(i G . t) = 1 for the steps t
         between all balls of a cell. With one ball in a cell every G is such a vector, and the
-        shortest wave vectors lie in the first zone. None if the network has no lattice, or if no
-        whole number up to 24 makes all sites of the lattice whole multiples of its inverse, in
-        fractions of the lattice vectors.
+        shortest wave vectors lie in the first zone. None if the network has no lattice, or does not
+        repeat along all of its periods, or if no whole number up to 24 makes all sites of the
+        lattice whole multiples of its inverse, in fractions of the lattice vectors.
     warnings : one sentence for each limit of the contact law that the network exceeds.
     """
 
@@ -750,7 +753,8 @@ class SpectralFunction(Refinable):
         frequencies of the one with the highest ``top``.
 
         The others are interpolated to these frequencies by cubic splines, to about 1e-3 of their
-        peaks. More moments cannot be computed of the mean.
+        peaks. The wave vectors, moments and warnings of the mean are those of that one. More
+        moments cannot be computed of the mean.
 
         Raises :class:`~granphon.base.errors.InputError` for what is no list or tuple, if there is
         no spectral function, for what is none, if wave vectors or polarisations differ, or if

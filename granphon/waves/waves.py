@@ -38,7 +38,7 @@ from granphon.waves.modes import (
     count_modes,
     find_damped,
     find_modes,
-    find_whole,
+    find_whole_modes,
     read_request,
     require_countable,
     require_stable,
@@ -105,8 +105,9 @@ class Waves:
         ``operator @ x`` is D x. S is the symmetric stiffness matrix, with the static forces that
         act, and M holds the masses and moments of inertia.
 
-        A vector x (size,) holds the mass-weighted motions of all balls that move; its method
-        ``vector`` makes such a vector of values (n_free, motions), and ``values`` does the reverse.
+        A vector x (size,) holds the mass-weighted motions of all balls that move. The operator's
+        method ``vector`` makes such a vector of values (n_free, motions), and ``values`` does the
+        reverse; both may share memory with what they are given.
         The eigenvalues of D are squared angular frequencies. The operator is made once, when it is
         used first. Raises :class:`~granphon.base.errors.InputError` if no ball moves or there is no
         contact; and when the operator is applied, if the motions of balls deform no contact.
@@ -118,7 +119,7 @@ class Waves:
         """D of the network. When D is first asked for, the network is checked to be stable.
 
         Raises :class:`~granphon.base.errors.InstabilityError` if a squared frequency is below zero,
-        and what :attr:`operator` raises.
+        and what :attr:`operator` and :func:`~granphon.waves.modes.is_stable` raise.
         """
         require_stable(self.operator)
         return self.operator
@@ -148,13 +149,15 @@ class Waves:
         of the search.
 
         Raises :class:`~granphon.base.errors.InputError` for another name, for arguments that the
-        method does not have or that are missing, and for values that the method refuses; but the
+        method does not have or that are missing, and for values that the method refuses. But the
         source and the receiver of a response are not looked at, nor what these require of its
-        polarisation, direction and distance. Raises
-        :class:`~granphon.base.errors.ConvergenceError` for a response that takes too much, as
-        :meth:`response` does, and :class:`~granphon.base.errors.InstabilityError` for an array that
-        does not hold between the free ends of a pulse. Whether the network itself is stable is not
-        examined.
+        polarisation, direction and distance; the frequency of a pulse is only compared with a bound
+        of all modes; and whether memory suffices is examined for modes and the frames of a pulse
+        alone. Raises :class:`~granphon.base.errors.ConvergenceError` for a response that takes too
+        much, as :meth:`response` does, and :class:`~granphon.base.errors.InstabilityError` for an
+        array that does not hold between the free ends of a pulse, and if the density of states that
+        is computed for modes meets a squared frequency below zero. Else it is not examined whether
+        the network is stable.
         """
         from granphon.waves.estimates import WaveEstimate
 
@@ -258,9 +261,9 @@ class Waves:
             can.
         resolution : standard deviation of the kernel at frequency zero, Hz; at higher frequencies
             the kernel is narrower.
-        direction : (1,) to (3,) vector. A transverse wave moves along its part across q, a
-            rotational wave turns about it, and a wave with q = 0, which has no direction of its
-            own, moves along it.
+        direction : (1,) to (3,) vector. A transverse wave moves along its part across q, and a
+            rotational wave turns about its part along the axes about which balls turn. A wave of
+            displacements with q = 0, which has no direction of its own, moves along it.
         moments : number of Chebyshev moments, in place of the resolution; 256 without either.
 
         Raises :class:`~granphon.base.errors.InputError` for a q that the cell does not have (the
@@ -319,7 +322,8 @@ class Waves:
 
     def whole_modes(self, count: int = 10, nearest: float | None = None) -> DampedModes:
         """Return the lowest modes, or those nearest to a frequency, with all forces at contacts:
-        also those without a potential, which are static tangential forces and slip by the radii.
+        also those without a potential, which are static tangential forces and torques, and slip by
+        levers that exceed the arms of contacts, as by the radii.
 
         :meth:`modes` returns the modes of the symmetric part of the matrix. The antisymmetric part
         changes frequencies in second order of T/(k r) and of the overlap. Two frequencies that are
@@ -344,7 +348,7 @@ class Waves:
         and :class:`~granphon.base.errors.ConvergenceError` if the iteration does not end.
         """
         read_request(self.operator, count, nearest)  # refuses before the long check of stability
-        return find_whole(self._stable_operator, count, nearest)
+        return find_whole_modes(self._stable_operator, count, nearest)
 
     def branches(self, q: ArrayLike, count: int = 6) -> Array:
         """Return the lowest branches of a network that repeats, (n_q, count) Hz, ascending, at
@@ -366,7 +370,7 @@ class Waves:
         than 600 motions;
         :class:`~granphon.base.errors.PrecisionError` for wave vectors too far from Gamma;
         :class:`~granphon.base.errors.InstabilityError` if a squared frequency is below zero, unless
-        static tangential forces act;
+        forces without a potential act, see :meth:`whole_modes`: it is then returned as zero;
         :class:`~granphon.base.errors.ConvergenceError` if the branches are not found, as when
         hundreds of them are zero.
         """
@@ -392,7 +396,8 @@ class Waves:
         Raises :class:`~granphon.base.errors.InputError` for no frequency, for frequencies that are
         not above zero or not finite, and for more motions than are factorised, 1,000,000 on a line,
         300,000 in the plane and 120,000 in space;
-        :class:`~granphon.base.errors.InstabilityError` if a squared frequency is below zero.
+        :class:`~granphon.base.errors.InstabilityError` if a squared frequency is below zero; and
+        :class:`~granphon.base.errors.ConvergenceError` if a matrix cannot be factorised.
         """
         hertz = finite_array("frequencies", frequencies, "Hz", "above zero")
         require_countable(self.operator)  # refuses before the long check of stability
@@ -421,7 +426,7 @@ class Waves:
         that a source makes at given frequencies.
 
         Motions are u exp(i omega t). The network is left as it is, finite, periodic or cut. Of
-        static tangential forces those count that have a potential, as for :meth:`modes`. The
+        static tangential forces the part counts that has a potential, as for :meth:`modes`. The
         frequencies of small networks are solved one by one. Those of large networks are solved by
         one Krylov space if that is less work; :attr:`Response.method` says which method was taken,
         and :attr:`Response.error` how large the error is.
@@ -483,9 +488,9 @@ class Waves:
             where no plane is driven or heard; a distance where no plane is heard; a loss below
             zero, a restitution below 1e-6 or above 1; another word for the quantity or the method;
             a tolerance that is not above zero and below 1; the ``method`` "krylov" where some
-            motions lose no energy and others do, or where static tangential forces act beside other
-            losses than an even drag; more receivers and frequencies than memory holds; a mode
-            without losses at one of the frequencies.
+            motions lose no energy and others do, or where forces without a potential, see
+            :meth:`whole_modes`, act beside other losses than an even drag; more receivers and
+            frequencies than memory holds; a mode without losses at one of the frequencies.
         ConvergenceError : losses that are too small or uneven for a Krylov space, in a network that
             is too large to be factorised or with the ``method`` "krylov"; the ``method`` "direct"
             in a network that is too large to be factorised; or, unless a ``method`` is given, a
@@ -525,18 +530,20 @@ class Waves:
         Modes that creep have a real part of zero: they are the lowest modes, and the slowest of
         them is the first.
 
-        If all contacts and motions have the same losses, the modes are those of :meth:`modes`: they
-        are chosen by their frequencies without losses, and then damped. If losses differ, and
-        contacts resist up to 300 motions (up to 600 if many modes are requested), all modes are
-        computed, and chosen by their real parts. Larger networks, up to 1,000,000 such motions on a
-        line, 300,000 in the plane and 120,000 in space, are factorised, and modes are chosen among
-        those nearest in the complex plane. Modes that creep fast are far away there, though their
-        real part is zero, and may then be missing.
+        If losses are even, the modes are those of :meth:`modes`: they are chosen by their
+        frequencies without losses, and then damped. Losses are even if they are the same in all
+        contacts and motions, and if contacts lose no energy where static forces or springs to the
+        ground act.
+        If losses are not even, and contacts resist up to 300 motions (up to 600 if many modes are
+        requested), all modes are computed, and chosen by their real parts. Larger networks, up to
+        1,000,000 such motions on a line, 300,000 in the plane and 120,000 in space, are factorised,
+        and modes are chosen among those nearest in the complex plane. Modes that creep fast are far
+        away there, though their real part is zero, and may then be missing.
 
         Raises :class:`~granphon.base.errors.InputError` for a count that is no whole number above
         zero, for losses that :meth:`response` refuses, for a frequency below zero or above the top,
         for more modes than there are, than memory holds, or than can be found in a large network,
-        and if losses differ and there are more motions than are factorised;
+        and if losses are not even and there are more motions than are factorised;
         :class:`~granphon.base.errors.PrecisionError` for dashpots that differ and are far stiffer
         than springs; :class:`~granphon.base.errors.ConvergenceError` if the iteration does not end;
         and what :meth:`modes` raises.
@@ -609,9 +616,9 @@ class Waves:
             are those of all contacts of the network, also of those that ``ends`` cut.
         tangential_damping : the same for slip, twist and rolling, s, if it differs from that of
             normal motion, as the second of a pair ``damping=(normal, tangential)`` is.
-        drag, dashpot, restitution : further losses, as in :meth:`response`. If losses differ
-            between contacts or motions, or act beside static forces, modes exchange energy, and the
-            propagation takes several times as long.
+        drag, dashpot, restitution : further losses, as in :meth:`response`. If losses are not even,
+            see :meth:`damped_modes`, modes exchange energy, and the propagation takes several times
+            as long.
         duration : length of the record, s. The default is that of the burst and three times the
             flight of the fastest long wave to the farthest plane. In a periodic network the record
             ends before that wave comes round the other way, and must hold the burst and its flight.

@@ -257,7 +257,12 @@ def test_no_contact_is_stretched_out_of_the_plane():
 
 def test_waves_without_an_amplitude_shift_are_refused():
     network = line(10.0, 1, periodic=True)
-    for q, words in (([0.0], "costs nothing"), ([0.1, 0.2], "shape"), ([np.nan], "not finite")):
+    for q, words in (
+        ([0.0], "costs nothing"),
+        ([0.1, 0.2], "shape"),
+        ([0.1, 0.2, 0.0], "beyond the first 1"),
+        ([np.nan], "not finite"),
+    ):
         with pytest.raises(InputError, match=words):
             gp.amplitude_shift(network, q)
     with pytest.raises(InputError, match="branch"):

@@ -148,6 +148,19 @@ def test_energy_is_conserved_whatever_the_strip(lattice, axis, cells):
     assert_allclose(on.total, np.sum(np.abs(on.amplitudes) ** 2, axis=(1, 2)), rtol=1e-12)
 
 
+def test_the_period_of_a_strip_may_be_any_vector_of_its_cell():
+    network = bulk("triangular")
+    first = network.cut(1, 3)
+    order = [1, 0, 2]
+    second = replace(
+        first, cell=first.cell[order], pbc=(False, True, False), shift=first.shift[:, order]
+    )
+    top = gp.Phonons(network).lattice.top_frequency * network.scales.frequency
+    at = [0.4 * top, 0.7 * top]
+    found = gp.transmission(network, second, network, at, axis=1, q=[0.13])
+    assert_allclose(found.transmitted, 1.0, atol=1e-10)
+
+
 @pytest.mark.claim("transmission-slices")
 @pytest.mark.parametrize(("lattice", "axis", "cells"), [("honeycomb", 1, 5), ("fcc", (1, 1, 1), 4)])
 def test_a_strip_slice_by_slice_is_that_of_factors(lattice, axis, cells, monkeypatch):

@@ -833,6 +833,19 @@ def test_wave_in_a_network_of_no_lattice_has_the_length_of_its_wave_vector(disor
     assert whole.spectral_function(q, moments=64).wavenumber < found.wavenumber
 
 
+@pytest.mark.parametrize("period", [None, 0])
+def test_an_array_that_is_open_has_no_zone(period):
+    _, network = ideal()
+    is_kept = ~np.any(np.delete(network.shift, [] if period is None else period, axis=1), axis=1)
+    contacts = {name: getattr(network, name)[is_kept] for name in network.contact_fields}
+    pbc = tuple(axis == period for axis in range(3))
+    waves = gp.Waves(dataclasses.replace(network, pbc=pbc, **contacts))
+    q = waves.nearest_wavevectors([[300.0, 100.0]])
+    found = waves.spectral_function(q, moments=64)
+    assert found.shortest is None
+    assert found.wavenumber == pytest.approx(np.linalg.norm(q))
+
+
 def test_average_over_arrays():
     """The mean of spectra is that of the mean moments, on one scale; tops differ from array to
     array.
@@ -864,6 +877,8 @@ def test_average_over_arrays():
     np.testing.assert_allclose(
         SpectralFunction.average(found[:1]).values, found[0].values, rtol=1e-12
     )
+    with pytest.raises(InputError, match="or is a mean"):
+        mean.with_moments(30)
     with pytest.raises(InputError, match="same resolution"):
         SpectralFunction.average([found[0], every[1].spectral_function(q, resolution=200.0)])
     with pytest.raises(InputError, match="other wave vectors"):
