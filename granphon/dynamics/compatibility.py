@@ -383,7 +383,8 @@ class Compatibility:
     @cached_property
     def is_held(self) -> bool:
         """Whether balls touch bodies that do not move, or springs to the ground resist their
-        displacements. Then no displacement of all balls is free, and there is no sound.
+        displacements. Then no displacement of all balls counts as free, and sound is not found,
+        also where such bodies or springs resist some of the displacements alone.
         """
         touches_body = np.any(self.contacts.j[: self.n_between] == self.n_balls)
         return bool(touches_body) or self.is_anchored
@@ -442,7 +443,7 @@ class Compatibility:
 
     @cached_property
     def has_excesses(self) -> bool:
-        """Whether the levers of slip exceed the arms."""
+        """Whether some lever of slip differs from its arm."""
         return bool(np.any(self.lever_excesses != 0.0))
 
     @cached_property

@@ -347,8 +347,7 @@ class ContactLattice(LongWaves):
         2 omega v and of v.
 
         Raises :class:`~granphon.base.errors.InputError` for more than one direction, and for one of
-        another shape, not finite or of length zero;
-        :class:`~granphon.base.errors.InstabilityError` if a squared frequency is negative.
+        another shape, not finite or of length zero; and what :meth:`modes` raises.
         """
         along = one_direction(direction, self.periods)
         longest_vector = float(np.max(np.linalg.norm(self.cell, axis=1)))
@@ -414,6 +413,8 @@ class ContactLattice(LongWaves):
         from granphon.dynamics.sensitivities import ModeEnergies, turn_motions
 
         q = as_wavevectors(wavevectors, self.periods)
+        if not len(q):
+            raise InputError("there is no wave vector", mend="Give at least one")
         if branches is None:
             branches = np.broadcast_to(np.arange(self.n_branches), (len(q), self.n_branches))
         branches = np.asarray(branches)
@@ -443,7 +444,7 @@ class ContactLattice(LongWaves):
 
     def _require_branches(self, branches: Index, n_points: int) -> None:
         """Raise :class:`~granphon.base.errors.InputError` unless ``branches`` (n_points, b) are
-        numbers of branches, one or more, at ``n_points`` wave vectors, one or more.
+        numbers of branches, one or more, at ``n_points`` wave vectors.
         """
         has_shape = branches.ndim == 2 and len(branches) == n_points and branches.size > 0
         are_branches = np.issubdtype(branches.dtype, np.integer) and np.all(
@@ -580,10 +581,11 @@ class ContactLattice(LongWaves):
         """
         # a frequency and the array in which it is found; three copies of complex eigenvectors
         bytes_per_branch = 48.0 * self.n_branches if has_vectors else 16.0
+        alternative = ", or frequencies alone" if has_vectors else ""
         require_memory(
             f"{self.n_branches:,} branches at {n_points:,} wave vectors",
             bytes_per_branch * n_points * self.n_branches,
-            "Take fewer wave vectors, or leave eigenvectors out",
+            f"Take fewer wave vectors{alternative}",
         )
 
     def _find_modes(self, wavevectors: Array, along: Array) -> tuple[NDArray[Any], ...]:
@@ -829,7 +831,7 @@ class ContactLattice(LongWaves):
     @cached_property
     def free_branches(self) -> int:
         """Number of branches that vanish at every wave vector: the number of branches less the
-        generic rank of C(q).
+        generic rank of C(q), or under static forces of C(q) and :attr:`static_rows` together.
         """
         n_free = None if self._large is None else self._large.free_branches
         if n_free is not None:
@@ -857,8 +859,8 @@ class ContactLattice(LongWaves):
         stiffness that stop the motion, such as "add torsion"; or more contacts, if no kind of
         stiffness does.
 
-        ``stops`` is called with this lattice plus further kinds of stiffness, and returns whether
-        the motion costs energy on that lattice.
+        ``stops`` is called with this lattice plus further kinds of stiffness, without static forces
+        (:meth:`_stiffen`), and returns whether the motion costs energy on that lattice.
         """
         stiffness = {
             "friction": self.mindlin_ratio,
