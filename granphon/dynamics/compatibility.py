@@ -792,8 +792,8 @@ class Compatibility:
     def _make_waves(self, are_static: bool = False) -> WaveRows:
         """Return the rows of C(q) in the motions of :attr:`_wave_frame`, multiplied by the square
         roots of their stiffnesses; if ``are_static`` those of :attr:`static_rows`. The rows are
-        real for one ball in the cell, unless a contact has unequal arms, or joins the ball to a
-        body that does not move.
+        real for one ball in the cell, unless a contact has unequal arms or levers, joins the ball
+        to a body that does not move, or bears a static torque that acts on motions.
         """
         # In a motion z exp(i q.r) a row is cos(half angle) times the difference of the effects of
         # its two ends, plus i sin(half angle) times their sum. Rotations and rows are divided by i.
@@ -812,8 +812,7 @@ class Compatibility:
         even = phase * difference
         odd[:, self.n_between :] = 0.0  # springs to the ground have one end, and no half angle
         half = 0.5 * self.contacts.vector[:, : self.periods]
-        # rows of a single ball are complex only if the arms of a contact differ, or the ball
-        # touches a body that does not move
+        # rows of a single ball are complex only in the cases that the docstring names
         if self.n_balls > 1 or np.any(odd.imag) or np.any(even.imag):
             return WaveRows(odd, even, half)
         return WaveRows(odd.real.copy(), even.real.copy(), half)
@@ -1006,7 +1005,7 @@ class Compatibility:
         the contact's row.
         """
         waves = self._make_waves(are_static)
-        # rows of one ball in the cell are real as they are
+        # with an inversion, rows of one ball in the cell are real as they are
         if self.n_balls == 1 or self._images is None:
             return waves
         _, first_contacts, image_contacts = self._images

@@ -97,8 +97,8 @@ def design(
     bounds : needed: (low, high) of all variables of a name, SI, 0 <= low < high; of several names a
         mapping {name: (low, high)}.
     constraints : {name: sum}, SI: the values of this name, added up over all balls that move, or
-        over all contacts, keep this sum. Searches begin at networks that have it: a given network, or a random one,
-        that does not is changed first.
+        over all contacts, keep this sum. Searches begin at networks that have it: a given network,
+        or a random one, that does not is changed first.
     per : "each": every ball or contact has a variable of its own. "kind": all balls of a kind, or
         all contacts of a pair of kinds, have one variable together; not for a function.
     restarts : number of searches from random starts. They follow the first search, which begins at

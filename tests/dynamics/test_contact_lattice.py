@@ -240,14 +240,14 @@ def test_energies_of_branches_that_there_are_not_are_refused(hexagonal, branches
 
 
 def test_energies_at_no_wave_vector_ask_for_one(hexagonal):
-    with pytest.raises(InputError, match="there is no wave vector. Give at least one"):
+    with pytest.raises(InputError, match="there is no wave vector"):
         hexagonal.mode_energies(np.zeros((0, 2)))
 
 
 def test_frequencies_that_memory_does_not_hold_need_fewer_wave_vectors_alone(hexagonal):
-    with pytest.raises(InputError, match="Take fewer wave vectors.$"):
+    with pytest.raises(InputError, match=r"Take fewer wave vectors\.$"):
         hexagonal._require_memory_of_results(10**15, has_vectors=False)
-    with pytest.raises(InputError, match="or frequencies alone.$"):
+    with pytest.raises(InputError, match=r"or frequencies alone\.$"):
         hexagonal._require_memory_of_results(10**15, has_vectors=True)
 
 
