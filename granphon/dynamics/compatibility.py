@@ -147,8 +147,8 @@ def _read_vectors(name: str, vectors: ArrayLike) -> Array:
 
 
 def _read_springs(on_site: ArrayLike | None, motions: Motions, n_contacts: int) -> Array | None:
-    """Return the stiffnesses ``on_site`` of springs to the ground as an array (n_g, motions); None
-    without springs.
+    """Return the stiffnesses ``on_site`` of springs to the ground as a read-only array (n_g,
+    motions); None without springs.
 
     Raises :class:`~granphon.base.errors.InputError` for another shape, for more springs than
     ``n_contacts``, and for a stiffness below zero or not finite.
@@ -162,7 +162,7 @@ def _read_springs(on_site: ArrayLike | None, motions: Motions, n_contacts: int) 
             f"There are {n_contacts} contacts, of which the last are the springs",
             f"Give an array (n, {motions.count}), with a stiffness for each motion",
         )
-    return springs
+    return read_only(springs)
 
 
 class Compatibility:
@@ -251,8 +251,8 @@ class Compatibility:
         on_site: ArrayLike | None = None,
         name: str = "of these contacts",
     ) -> None:
-        """Keep the arguments: arrays read-only, and numbers repeated for each contact or ball, but
-        for ratios, which stay numbers.
+        """Keep the arguments: the ``contacts`` as they are, other arrays as read-only copies, and
+        numbers repeated for each contact or ball, but for ratios, which stay numbers.
         """
         require_instance("contacts", contacts, ContactTable, "Give a ContactTable")
         require_instance("motions", motions, Motions, "Give gp.Motions")

@@ -296,6 +296,17 @@ def test_numbers_out_of_range_are_named(name, value):
         gp.ContactLattice(*of_cell, 0.5, **{name: value})
 
 
+def test_springs_are_a_copy_that_nothing_changes():
+    lattice = gp.ContactLattice.of("triangular", 0.5)
+    springs = np.ones((1, 3))
+    held = gp.ContactLattice(
+        lattice.cell, lattice.positions, lattice.contacts, 0.5, on_site=springs
+    )
+    springs[:] = 7.0
+    assert np.all(held.on_site == 1.0)
+    assert not held.on_site.flags.writeable
+
+
 @pytest.mark.parametrize(
     "on_site", [np.ones(3), np.ones((1, 2)), np.ones((9, 3)), -np.ones((1, 3))]
 )
