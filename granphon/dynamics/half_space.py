@@ -351,8 +351,9 @@ class HalfSpace:
         """Return the blocks (size, size) of D at one wave vector q (p - 1,), in k/M.
 
         ``factors``, two arrays (n_f, n_c), multiply the stiffnesses of the contacts of :attr:`cut`
-        against elongation, and against all other deformations; complex factors lose energy. The
-        blocks are then (n_f, size, size). By default stiffnesses are as they are.
+        against elongation, and against all other deformations; complex factors lose energy. What
+        static forces and springs to the ground add is not multiplied. The blocks are then (n_f,
+        size, size). By default stiffnesses are as they are.
         """
         size = self.size
         rows = self._compute_rows(q)

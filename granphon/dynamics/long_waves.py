@@ -1096,8 +1096,8 @@ class LongWaves(Compatibility):
         d^(2-p).
 
         Rows and columns are in Voigt order: xx, yy, xy in the plane (n = 3), xx, yy, zz, yz, xz, xy
-        in space (n = 6), and xx on a line (n = 1). If no ``prestress`` is given, and the lattice has
-        no static forces of its own, the array is read-only, as the lattice keeps it.
+        in space (n = 6), and xx on a line (n = 1). If no ``prestress`` is given, and the lattice
+        has no static forces of its own, the array is read-only, as the lattice keeps it.
 
         Under ``prestress`` (...), that of :meth:`gradient_stiffness`, the entries are the
         coefficients between Cauchy stress and strain (F. Birch, Phys. Rev. 71, 809, 1947; D. C.
