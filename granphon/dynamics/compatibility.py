@@ -651,8 +651,9 @@ class Compatibility:
     @cached_property
     def unit_rows(self) -> list[Row]:
         """Rows of all deformations of contacts that the motions of the balls can make, whether
-        contacts resist them or not; then, as far as they act, those of static normal forces, of
-        levers of slip that exceed the arms, and of the growth of tangential forces.
+        contacts resist them or not; then, if :attr:`is_prestressed`, those on which static normal
+        forces act, and where there are such, those of levers of slip that exceed the arms and of
+        tangential forces that grow.
         """
         table = self.contacts
         rows = self._make_contact_rows(self.motions, 1.0, 1.0, 1.0)
