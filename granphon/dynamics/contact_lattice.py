@@ -23,7 +23,7 @@ from granphon.balls.motions import Motions, allowed_motions, default_motions
 from granphon.balls.neighbours import ContactTable, freeze_contacts
 from granphon.balls.on_site import turn_on_site
 from granphon.base.arrays import Array, Complex, Index
-from granphon.base.errors import InputError, InstabilityError
+from granphon.base.errors import InputError, InstabilityError, brief
 from granphon.base.memory import require_memory
 from granphon.base.results import Result, held, result_class
 from granphon.base.scales import Units, write_quantity
@@ -417,8 +417,7 @@ class ContactLattice(LongWaves):
             raise InputError("there is no wave vector", mend="Give at least one")
         if branches is None:
             branches = np.broadcast_to(np.arange(self.n_branches), (len(q), self.n_branches))
-        branches = np.asarray(branches)
-        self._require_branches(branches, len(q))
+        branches = self._read_branches(branches, len(q))
         kinds = {row.kind for row in self.unit_rows}
         numbers_per_mode = (len(kinds) + 3) * len(self.contacts) + 2 * self.n_branches
         require_memory(
@@ -442,21 +441,29 @@ class ContactLattice(LongWaves):
             np.concatenate(motions),
         )
 
-    def _require_branches(self, branches: Index, n_points: int) -> None:
-        """Raise :class:`~granphon.base.errors.InputError` unless ``branches`` (n_points, b) are
-        numbers of branches, one or more, at ``n_points`` wave vectors.
+    def _read_branches(self, given_branches: ArrayLike, n_points: int) -> Index:
+        """Return numbers of branches as an array (n_points, b), one or more at each of ``n_points``
+        wave vectors, from ``given_branches``.
+
+        Raises :class:`~granphon.base.errors.InputError` for another shape, and for what is no
+        number of a branch.
         """
+        try:
+            branches = np.asarray(given_branches)
+        except ValueError:  # lists of different lengths
+            branches = np.zeros(0)
         has_shape = branches.ndim == 2 and len(branches) == n_points and branches.size > 0
         are_branches = np.issubdtype(branches.dtype, np.integer) and np.all(
             (branches >= 0) & (branches < self.n_branches)
         )
         if not has_shape or not are_branches:
             raise InputError(
-                f"branches has the shape {branches.shape}, or numbers that are none of branches",
+                f"branches is {brief(given_branches)}",
                 f"There are {counted(n_points, 'wave vector')} and"
                 f" {counted(self.n_branches, 'branch', 'branches')}",
                 f"Give an array ({n_points}, b) of numbers from 0 to {self.n_branches - 1}",
             )
+        return branches
 
     def _measure_modes(self, q: Array, branches: Index, turn: Array) -> ModeEnergies:
         """Return the energies of the modes of ``branches`` (n_q, b) at a few wave vectors q

@@ -233,10 +233,12 @@ def test_cells_of_dependent_vectors_or_other_axes_are_refused(hexagonal, cell):
         gp.ContactLattice(cell, hexagonal.positions, hexagonal.contacts, 0.8)
 
 
-@pytest.mark.parametrize("branches", [[[3]], [[-1]], [[0], [1]], [0], [[0.5]], [[]]])
+@pytest.mark.parametrize(
+    "branches", [[[3]], [[-1]], [[0], [1]], [0], [[0.5]], [[]], [[0], [0, 1]], "a"]
+)
 def test_energies_of_branches_that_there_are_not_are_refused(hexagonal, branches):
-    with pytest.raises(InputError, match="branches"):
-        hexagonal.mode_energies([[0.1, 0.2]], np.array(branches))
+    with pytest.raises(InputError, match="branches is"):
+        hexagonal.mode_energies([[0.1, 0.2]], branches)
 
 
 def test_energies_at_no_wave_vector_ask_for_one(hexagonal):
