@@ -208,8 +208,8 @@ class Block:
 
     @cached_property
     def rank(self) -> int:
-        """Generic rank of C(q): the number of its branches that do not vanish at every wave
-        vector.
+        """Generic rank of C(q), together with the rows on which static forces act: the number of
+        branches that do not vanish at every wave vector.
         """
         highest_rank = 0
         periods = self.deforming.half.shape[1]

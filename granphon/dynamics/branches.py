@@ -126,7 +126,7 @@ class AcousticBranch:
         pulses of angular ``frequency``, (k/M)^1/2, a number or (n,), have on this branch.
 
         Raises :class:`~granphon.base.errors.InputError` for another shape, for no frequency, and
-        for one below zero or not finite,
+        for what is no number, below zero or not finite,
         :class:`~granphon.base.errors.UnreachableFrequencyError` for one above the top of the
         branch, and :class:`~granphon.base.errors.GranphonError` where the branch cannot be followed
         through an avoided crossing.
@@ -192,7 +192,8 @@ def _find_nearest_modes(
     frequencies = modes.frequencies[points, nearest_branch]
     velocities = modes.group_velocities[points, nearest_branch]
     if lattice.periods == 3:
-        # only in space can acoustic branches coincide along an axis of symmetry
+        # only with three periods do acoustic branches that coincide along an axis of symmetry have
+        # velocities that differ
         directions = np.broadcast_to(along, (len(wavenumbers), 3))
         slopes = np.einsum("qbp,qp->qb", modes.group_velocities, directions)
         difference = np.abs(modes.frequencies - frequencies[:, None])
@@ -286,7 +287,8 @@ class AcousticBranches:
     n_rising : (n_u, n), number of points before the first maximum, among those at which the branch
         was followed.
     has_fallen : (n_u, n), whether the branch was followed to a point behind a maximum.
-    vectors : (n_u, n, n_points, n_dof), eigenvectors.
+    vectors : (n_u, n, n_points, n_dof), eigenvectors; zero at the points to which the branch was
+        not followed.
     """
 
     lattice: ContactLattice

@@ -147,8 +147,8 @@ def _read_vectors(name: str, vectors: ArrayLike) -> Array:
 
 
 def _read_springs(on_site: ArrayLike | None, motions: Motions, n_contacts: int) -> Array | None:
-    """Return the stiffnesses ``on_site`` of springs to the ground as an array (n_g, motions); None
-    without springs.
+    """Return the stiffnesses ``on_site`` of springs to the ground as a read-only array (n_g,
+    motions); None without springs.
 
     Raises :class:`~granphon.base.errors.InputError` for another shape, for more springs than
     ``n_contacts``, and for a stiffness below zero or not finite.
@@ -162,7 +162,7 @@ def _read_springs(on_site: ArrayLike | None, motions: Motions, n_contacts: int) 
             f"There are {n_contacts} contacts, of which the last are the springs",
             f"Give an array (n, {motions.count}), with a stiffness for each motion",
         )
-    return springs
+    return read_only(springs)
 
 
 class Compatibility:
@@ -251,8 +251,8 @@ class Compatibility:
         on_site: ArrayLike | None = None,
         name: str = "of these contacts",
     ) -> None:
-        """Keep the arguments: arrays read-only, and numbers repeated for each contact or ball, but
-        for ratios, which stay numbers.
+        """Keep the arguments: the ``contacts`` as they are, other arrays as read-only copies, and
+        numbers repeated for each contact or ball, but for ratios, which stay numbers.
         """
         require_instance("contacts", contacts, ContactTable, "Give a ContactTable")
         require_instance("motions", motions, Motions, "Give gp.Motions")
@@ -383,7 +383,8 @@ class Compatibility:
     @cached_property
     def is_held(self) -> bool:
         """Whether balls touch bodies that do not move, or springs to the ground resist their
-        displacements. Then no displacement of all balls is free, and there is no sound.
+        displacements. Then no displacement of all balls counts as free, and sound is not found,
+        also where such bodies or springs resist some of the displacements alone.
         """
         touches_body = np.any(self.contacts.j[: self.n_between] == self.n_balls)
         return bool(touches_body) or self.is_anchored
@@ -442,7 +443,7 @@ class Compatibility:
 
     @cached_property
     def has_excesses(self) -> bool:
-        """Whether the levers of slip exceed the arms."""
+        """Whether some lever of slip differs from its arm."""
         return bool(np.any(self.lever_excesses != 0.0))
 
     @cached_property
@@ -650,7 +651,9 @@ class Compatibility:
     @cached_property
     def unit_rows(self) -> list[Row]:
         """Rows of all deformations of contacts that the motions of the balls can make, whether
-        contacts resist them or not, followed by those on which static forces act.
+        contacts resist them or not; then, if :attr:`is_prestressed`, those on which static normal
+        forces act, and where there are such, those of levers of slip that exceed the arms and of
+        tangential forces that grow.
         """
         table = self.contacts
         rows = self._make_contact_rows(self.motions, 1.0, 1.0, 1.0)
@@ -791,8 +794,8 @@ class Compatibility:
     def _make_waves(self, are_static: bool = False) -> WaveRows:
         """Return the rows of C(q) in the motions of :attr:`_wave_frame`, multiplied by the square
         roots of their stiffnesses; if ``are_static`` those of :attr:`static_rows`. The rows are
-        real for one ball in the cell, unless a contact has unequal arms, or joins the ball to a
-        body that does not move.
+        real for one ball in the cell, unless a contact has unequal arms or levers, joins the ball
+        to a body that does not move, or bears a static torque that acts on motions.
         """
         # In a motion z exp(i q.r) a row is cos(half angle) times the difference of the effects of
         # its two ends, plus i sin(half angle) times their sum. Rotations and rows are divided by i.
@@ -811,8 +814,7 @@ class Compatibility:
         even = phase * difference
         odd[:, self.n_between :] = 0.0  # springs to the ground have one end, and no half angle
         half = 0.5 * self.contacts.vector[:, : self.periods]
-        # rows of a single ball are complex only if the arms of a contact differ, or the ball
-        # touches a body that does not move
+        # rows of a single ball are complex only in the cases that the docstring names
         if self.n_balls > 1 or np.any(odd.imag) or np.any(even.imag):
             return WaveRows(odd, even, half)
         return WaveRows(odd.real.copy(), even.real.copy(), half)
@@ -1005,7 +1007,7 @@ class Compatibility:
         the contact's row.
         """
         waves = self._make_waves(are_static)
-        # rows of one ball in the cell are real as they are
+        # with an inversion, rows of one ball in the cell are real as they are
         if self.n_balls == 1 or self._images is None:
             return waves
         _, first_contacts, image_contacts = self._images

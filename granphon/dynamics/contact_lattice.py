@@ -23,7 +23,7 @@ from granphon.balls.motions import Motions, allowed_motions, default_motions
 from granphon.balls.neighbours import ContactTable, freeze_contacts
 from granphon.balls.on_site import turn_on_site
 from granphon.base.arrays import Array, Complex, Index
-from granphon.base.errors import InputError, InstabilityError
+from granphon.base.errors import InputError, InstabilityError, brief
 from granphon.base.memory import require_memory
 from granphon.base.results import Result, held, result_class
 from granphon.base.scales import Units, write_quantity
@@ -347,8 +347,7 @@ class ContactLattice(LongWaves):
         2 omega v and of v.
 
         Raises :class:`~granphon.base.errors.InputError` for more than one direction, and for one of
-        another shape, not finite or of length zero;
-        :class:`~granphon.base.errors.InstabilityError` if a squared frequency is negative.
+        another shape, not finite or of length zero; and what :meth:`modes` raises.
         """
         along = one_direction(direction, self.periods)
         longest_vector = float(np.max(np.linalg.norm(self.cell, axis=1)))
@@ -414,10 +413,11 @@ class ContactLattice(LongWaves):
         from granphon.dynamics.sensitivities import ModeEnergies, turn_motions
 
         q = as_wavevectors(wavevectors, self.periods)
+        if not len(q):
+            raise InputError("there is no wave vector", mend="Give at least one")
         if branches is None:
             branches = np.broadcast_to(np.arange(self.n_branches), (len(q), self.n_branches))
-        branches = np.asarray(branches)
-        self._require_branches(branches, len(q))
+        branches = self._read_branches(branches, len(q))
         kinds = {row.kind for row in self.unit_rows}
         numbers_per_mode = (len(kinds) + 3) * len(self.contacts) + 2 * self.n_branches
         require_memory(
@@ -441,21 +441,29 @@ class ContactLattice(LongWaves):
             np.concatenate(motions),
         )
 
-    def _require_branches(self, branches: Index, n_points: int) -> None:
-        """Raise :class:`~granphon.base.errors.InputError` unless ``branches`` (n_points, b) are
-        numbers of branches, one or more, at ``n_points`` wave vectors, one or more.
+    def _read_branches(self, given_branches: ArrayLike, n_points: int) -> Index:
+        """Return numbers of branches as an array (n_points, b), one or more at each of ``n_points``
+        wave vectors, from ``given_branches``.
+
+        Raises :class:`~granphon.base.errors.InputError` for another shape, and for what is no
+        number of a branch.
         """
+        try:
+            branches = np.asarray(given_branches)
+        except ValueError:  # lists of different lengths
+            branches = np.zeros(0)
         has_shape = branches.ndim == 2 and len(branches) == n_points and branches.size > 0
         are_branches = np.issubdtype(branches.dtype, np.integer) and np.all(
             (branches >= 0) & (branches < self.n_branches)
         )
         if not has_shape or not are_branches:
             raise InputError(
-                f"branches has the shape {branches.shape}, or numbers that are none of branches",
+                f"branches is {brief(given_branches)}",
                 f"There are {counted(n_points, 'wave vector')} and"
                 f" {counted(self.n_branches, 'branch', 'branches')}",
                 f"Give an array ({n_points}, b) of numbers from 0 to {self.n_branches - 1}",
             )
+        return branches
 
     def _measure_modes(self, q: Array, branches: Index, turn: Array) -> ModeEnergies:
         """Return the energies of the modes of ``branches`` (n_q, b) at a few wave vectors q
@@ -580,10 +588,11 @@ class ContactLattice(LongWaves):
         """
         # a frequency and the array in which it is found; three copies of complex eigenvectors
         bytes_per_branch = 48.0 * self.n_branches if has_vectors else 16.0
+        alternative = ", or frequencies alone" if has_vectors else ""
         require_memory(
             f"{self.n_branches:,} branches at {n_points:,} wave vectors",
             bytes_per_branch * n_points * self.n_branches,
-            "Take fewer wave vectors, or leave eigenvectors out",
+            f"Take fewer wave vectors{alternative}",
         )
 
     def _find_modes(self, wavevectors: Array, along: Array) -> tuple[NDArray[Any], ...]:
@@ -829,7 +838,7 @@ class ContactLattice(LongWaves):
     @cached_property
     def free_branches(self) -> int:
         """Number of branches that vanish at every wave vector: the number of branches less the
-        generic rank of C(q).
+        generic rank of C(q), or under static forces of C(q) and :attr:`static_rows` together.
         """
         n_free = None if self._large is None else self._large.free_branches
         if n_free is not None:
@@ -857,8 +866,8 @@ class ContactLattice(LongWaves):
         stiffness that stop the motion, such as "add torsion"; or more contacts, if no kind of
         stiffness does.
 
-        ``stops`` is called with this lattice plus further kinds of stiffness, and returns whether
-        the motion costs energy on that lattice.
+        ``stops`` is called with this lattice plus further kinds of stiffness, without static forces
+        (:meth:`_stiffen`), and returns whether the motion costs energy on that lattice.
         """
         stiffness = {
             "friction": self.mindlin_ratio,

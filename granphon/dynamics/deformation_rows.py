@@ -192,8 +192,9 @@ def network_rows(network: ContactNetwork) -> list[Row]:
 
 def network_unit_rows(network: ContactNetwork) -> list[Row]:
     """Return the rows of all deformations of contacts that the motions of a ``network`` can make,
-    whether contacts resist them or not, followed by those on which static forces act; as
-    coefficients of u and w = R_g phi, as in :func:`network_rows`.
+    whether contacts resist them or not; as coefficients of u and w = R_g phi, as in
+    :func:`network_rows`. With ``prestress`` those follow on which static normal forces, levers of
+    slip that exceed the arms, and the growth of tangential forces act.
     """
     rows = _make_network_rows(network, elongation=1.0, slip=1.0, twist=1.0, roll=1.0)
     if not network.prestress:

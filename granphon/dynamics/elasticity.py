@@ -207,7 +207,11 @@ def has_cubic_axes(lattice: Lattice) -> bool:
 
 def is_cubic(tensor: Array, tolerance: float = _MODULUS_ROUNDING) -> bool:
     """Return whether an elastic tensor (n, n) is that of a square or cube with edges along x, y, z,
-    and not isotropic. Entries are compared to a ``tolerance`` times the largest absolute entry.
+    and not isotropic; False on a line.
+
+    Each entry may differ from that of such a tensor by less than the ``tolerance`` times the
+    largest absolute entry. The tensor counts as isotropic if C11 - C12 differs from twice the shear
+    constant, C33 in the plane and C44 in space, by less than the same number.
     """
     n = len(tensor)
     if n == 1:

@@ -85,8 +85,8 @@ _NEWTON_TOLERANCE = 1e-8
 _POLE_TOLERANCE = 0.1 * _NEWTON_TOLERANCE
 #: -w, over the highest w, at which edge motions without energy are told from others
 _FREE_SHIFT = 1e-10
-#: least part of the kinetic energy of a motion at zero frequency, in the top layer, with which the
-#: motion is one of the edge
+#: least part of the kinetic energy of a motion at zero frequency, in the outer block, with which
+#: the motion is one of the edge
 _FREE_TOP_PART = 1e-3
 #: distance of two resonances, over the lesser half width, up to which both lead to one pole
 _RESONANCE_DISTANCE = 0.5
@@ -101,7 +101,7 @@ _POLE_NOISE = 1e-12
 _LARGEST_FACTOR = 1e3
 #: half width over frequency up to which a resonance counts as a leaky wave
 _MOST_WIDTH = 0.05
-#: part of the energy of a leaky wave in the top layer, at least
+#: part of the kinetic energy of a leaky wave in the outer block, at least
 _TOP_PART = 0.02
 #: angles, rad, of bulk waves to the edge among which the one that is slowest along it is sought
 _COURSES = np.linspace(-1.4, 1.4, 281)
@@ -114,7 +114,7 @@ class EdgeWaves(NamedTuple):
     ----------
     point : numbers of their wave vectors.
     squares : w = omega^2, k/M, complex where a wave leaks.
-    weight : energy in the top layer, over all energy.
+    weight : kinetic energy in the outer block, the top layer or layers, over all kinetic energy.
     """
 
     point: Index
@@ -132,7 +132,7 @@ class _Resonances(NamedTuple):
     w : real part of the resonance.
     shift : from w to the root of S + dw S', complex.
     last_step : size of the last step along the real axis; infinite where the step left the bands.
-    weight : energy in the top layer, over all energy.
+    weight : kinetic energy in the outer block, over all kinetic energy.
     """
 
     point: Index
@@ -351,8 +351,9 @@ class HalfSpace:
         """Return the blocks (size, size) of D at one wave vector q (p - 1,), in k/M.
 
         ``factors``, two arrays (n_f, n_c), multiply the stiffnesses of the contacts of :attr:`cut`
-        against elongation, and against all other deformations; complex factors lose energy. The
-        blocks are then (n_f, size, size). By default stiffnesses are as they are.
+        against elongation, and against all other deformations; complex factors lose energy. What
+        static forces and springs to the ground add is not multiplied. The blocks are then (n_f,
+        size, size). By default stiffnesses are as they are.
         """
         size = self.size
         rows = self._compute_rows(q)
@@ -405,8 +406,8 @@ class HalfSpace:
         """Return the wavenumbers (...) across the edge, 1/m, of motions that change by ``factors``
         (...) from layer to layer, none of which is zero.
 
-        Real parts are within half of the period 2 pi over a layer's height. The wave vector along
-        the edge is q (p - 1,), in fractions of the reciprocal cell.
+        Real parts are from minus pi to pi over the height of a layer. The wave vector along the
+        edge is q (p - 1,), in fractions of the reciprocal cell.
         """
         n_along = len(q)
         # a layer is shifted along the edge against the layer above: the phase of this shift in the
@@ -630,8 +631,8 @@ class HalfSpace:
         )
 
     def find_free_motions(self, q: Array) -> EdgeWaves:
-        """Return the motions at zero frequency that reach the outer layer, at q (n_q, p - 1). The
-        weight of each is the part of its kinetic energy in the outer layer.
+        """Return the motions at zero frequency that reach the outer block, at q (n_q, p - 1). The
+        weight of each is the part of its kinetic energy in the outer block.
 
         As the squared frequency w goes to zero from below, w times the Green's function becomes the
         matrix of the outer parts of all such motions, whose eigenvalues are these weights. The
@@ -746,8 +747,8 @@ class HalfSpace:
         return _Resonances(point, band, w, shift, last_step, weight)
 
     def _find_resonances(self, q: Array, point: Index, w: Array) -> tuple[Complex, Array]:
-        """Return dw (n, size) of the roots of S + dw S' at w (n,), and of each root the energy in
-        the top layer over all energy, (n, size), at the wave vectors ``q[point]``.
+        """Return dw (n, size) of the roots of S + dw S' at w (n,), and of each root the kinetic
+        energy in the outer block over all, (n, size), at the wave vectors ``q[point]``.
         """
         highest = self.highest
         steps = _DIFFERENCE_STEP * highest * np.array([-1.0, 0.0, 1.0])

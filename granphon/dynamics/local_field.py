@@ -82,8 +82,9 @@ class LocalField(Result):
 
     @property
     def compliance(self) -> float:
-        """Compliance u_1 = 1/(1 + Xi), 1/k: the radial displacement of the corona under unit radial
-        forces.
+        """Compliance u_1 = 1/(1 + Xi), 1/k: the mean elongation of the contacts of a ball under a
+        tension of one in each; on the triangular lattice the radial displacement of the corona
+        under unit radial forces.
         """
         return 1.0 / (1.0 + self.xi)
 

@@ -125,7 +125,7 @@ class LongWaves(Compatibility):
     def _deform_uniformly(self, rows: list[Row], root: Array) -> tuple[Array, Array]:
         """Return the deformations ``rows`` at q = 0, multiplied by ``root`` (kinds, n_c): those
         under displacement gradients, (n_rows, n_u p), and those under inner motions,
-        (n_rows, n_inner).
+        (n_rows, n_inner), which are sparse if :attr:`_uses_sparse_matrices`.
 
         The gradients are u_a,b, in the plane u_x,x u_x,y u_y,x u_y,y.
         """
@@ -485,7 +485,9 @@ class LongWaves(Compatibility):
 
     @property
     def _accuracy(self) -> float:
-        """Error of deformations that have relaxed, over the largest."""
+        """Error of deformations that have relaxed, over the largest. By dense matrices it is below
+        :data:`_FREE_LIMIT`, which stands for it.
+        """
         return _FREE_LIMIT if self._relaxation is None else self._relaxation.accuracy
 
     @property
@@ -977,6 +979,8 @@ class LongWaves(Compatibility):
             can be. If the direction is perpendicular to the pair, the first vector is as near as
             can be to the axis x, y or z that is farthest from the third vector.
 
+        Both arrays are read-only where the lattice keeps them.
+
         Raises
         ------
         InputError : bodies that do not move, or springs to the ground, hold the balls; there are no
@@ -1092,7 +1096,8 @@ class LongWaves(Compatibility):
         d^(2-p).
 
         Rows and columns are in Voigt order: xx, yy, xy in the plane (n = 3), xx, yy, zz, yz, xz, xy
-        in space (n = 6), and xx on a line (n = 1).
+        in space (n = 6), and xx on a line (n = 1). If no ``prestress`` is given, and the lattice
+        has no static forces of its own, the array is read-only, as the lattice keeps it.
 
         Under ``prestress`` (...), that of :meth:`gradient_stiffness`, the entries are the
         coefficients between Cauchy stress and strain (F. Birch, Phys. Rev. 71, 809, 1947; D. C.

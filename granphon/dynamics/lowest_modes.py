@@ -114,8 +114,8 @@ class LowestSearch:
         self._random = np.random.default_rng(0)
 
     def find(self, count: int) -> LowestModes:
-        """Return the ``count`` lowest eigenvalues and their vectors; there are no fewer, beside the
-        known ones.
+        """Return the ``count`` lowest eigenvalues beside those of the known vectors, and their
+        vectors; the matrix has at least as many.
 
         Raises :class:`~granphon.base.errors.ConvergenceError` if they are not found in
         :data:`_MOST_ITERATIONS` iterations, or if eigenvectors are still missing after

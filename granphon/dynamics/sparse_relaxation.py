@@ -359,6 +359,8 @@ def _leave_out(basis: Any, vectors: Array) -> Array:
 
 
 def _orthonormalise(vectors: Array) -> Array:
-    """Return an orthonormal basis (n, r) of the space that ``vectors`` (n, m) span."""
+    """Return an orthonormal basis (n, r) of the space that ``vectors`` (n, m) span, without the
+    directions whose singular values are :data:`~granphon.dynamics.linalg.DEPENDENCE` or less.
+    """
     basis, singular_values, _ = np.linalg.svd(vectors, full_matrices=False)
     return np.asarray(basis[:, singular_values > DEPENDENCE])

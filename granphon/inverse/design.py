@@ -41,8 +41,8 @@ class Design(Result):
     variables : (n,) the values of the variables in this network, SI.
     labels : (n,) the names of the variables in messages.
     evaluations : number of evaluations of all starts.
-    start, start_value, start_variables : the given network, its goal, in ``unit``, and its
-        variables.
+    start, start_value, start_variables : the given network, or that of a function in the middle of
+        the bounds; its goal, in ``unit``, for a gap the certificate; and its variables.
     bounds : (n, 2) the least and the greatest value of each variable.
     best_start : number of the start that is kept; 0 is the given network, others are random. Starts
         are first moved onto the sums of ``constraints``.
@@ -96,9 +96,9 @@ def design(
         the springs to the ground against all displacements of a ball).
     bounds : needed: (low, high) of all variables of a name, SI, 0 <= low < high; of several names a
         mapping {name: (low, high)}.
-    constraints : {name: sum}, SI: the values of this name, added up over all balls or contacts,
-        keep this sum. Searches begin at networks that have it: a given network, or a random one,
-        that does not is changed first.
+    constraints : {name: sum}, SI: the values of this name, added up over all balls that move, or
+        over all contacts, keep this sum. Searches begin at networks that have it: a given network,
+        or a random one, that does not is changed first.
     per : "each": every ball or contact has a variable of its own. "kind": all balls of a kind, or
         all contacts of a pair of kinds, have one variable together; not for a function.
     restarts : number of searches from random starts. They follow the first search, which begins at
@@ -249,10 +249,10 @@ def _choose_certified(
     """Return the network that is kept for a ``problem`` whose goal is a gap; its width, Hz, is that
     on the finer mesh.
 
-    The ``searches`` are tried in the ``order`` of their starts: the first one whose gap is open on
-    the finer mesh is kept, unless ``start``, the given network, has the sums that are to be kept,
-    and a wider gap. Then that network is kept. If no gap is open, the first start of the order is
-    kept with the width 0.
+    The ``searches`` are tried in the ``order`` of their starts: the first one is kept whose gap is
+    open on the finer mesh, and no narrower than that of ``start``, the given network, if this has
+    the sums that are to be kept. If there is none, that network is kept if it has these sums and an
+    open gap, and else the first start of the order with the width 0.
     """
     space = problem.space
     start_value = float(problem.goals[0].certify(start))

@@ -134,7 +134,8 @@ class WidestGap:
         branches whose mean frequency over the zone is below ``near``. Otherwise the goals are those
         of the widest gaps of the network, or, where none is open, of the least overlaps of
         branches. Raises InputError for a network with one branch, for ``branches`` of which none is
-        above the gap, and for a ``near`` below or above the mean frequencies of all branches.
+        above the gap, for a ``near`` below or above the mean frequencies of all branches, and for a
+        ``mesh`` of another number of periods.
         """
         _points, frequencies = self._find_frequencies(Phonons(network))
         tops = frequencies.max(axis=0)
@@ -204,8 +205,8 @@ class WidestGap:
         the ground. Frequencies that hardly count in an edge are left out of the derivatives.
 
         Of ``branches`` and ``smoothing``, one that is not given is chosen at this network. Raises
-        InputError for a ``mesh`` of another number of periods, and as :meth:`choose` does; and what
-        :meth:`granphon.Phonons.sensitivities` raises, as for a network that is not stable.
+        InputError as :meth:`choose` does; and what :meth:`granphon.Phonons.sensitivities` raises,
+        as for a network that is not stable.
         """
         if self.branches is None or self.smoothing is None:
             return self.choose(network, 1)[0].evaluate(network)

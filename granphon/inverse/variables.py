@@ -257,9 +257,9 @@ class Variables:
 
     def read_sums(self, constraints: Mapping[str, float] | None) -> list[tuple[Array, float]]:
         """Return, for each of the ``constraints``, {name: total}, the weights (n,) with which the
-        variables add up to the sum over all balls or contacts, and the total that the sum keeps,
-        SI. InputError for what is no mapping, for names that do not vary, and for totals that are
-        no numbers or out of reach.
+        variables add up to the sum over all balls that move, or over all contacts, and the total
+        that the sum keeps, SI. InputError for what is no mapping, for names that do not vary, and
+        for totals that are no numbers or out of reach.
         """
         total_of_name: Any = {} if constraints is None else constraints
         if not isinstance(total_of_name, Mapping):

@@ -370,8 +370,8 @@ class EffectiveCurve:
 
     @cached_property
     def _slopes(self) -> tuple[Array, Array]:
-        """Two tables (n, steps) whose sum is the slope of k: a series, and a series that must be
-        divided by dy/dt.
+        """Two tables (m, steps) of series: the slope of k is the first, plus the second divided by
+        dy/dt.
 
         dy/dt is zero where contacts open. There, for listed diameters, k rises as the square root
         of the distance in y, and its slope is unbounded. For a density, k rises as the fifth power

@@ -45,7 +45,8 @@ class ModuliSensitivities(Sensitivities):
 
     No mass changes a modulus: ``mass`` and ``inertia`` are None. ``shear_stiffness`` is None where
     balls do not turn and no contact resists slip: a spring against slip would turn the balls.
-    Springs to the ground leave no moduli: ``on_site`` is None.
+    ``on_site`` is None: springs to the ground leave no moduli, but for springs against rotations of
+    balls with one period, by which no derivatives are found.
     """
 
     units: ClassVar[dict[str, str]] = name_units("Pa")

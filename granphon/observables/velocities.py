@@ -215,10 +215,12 @@ def sound_velocities(
     ------
     InputError : ``state`` is no state and has no network; no direction is given and velocities
         depend on it; a direction is not p finite numbers, or has no length; a network repeats
-        nowhere, or has bodies that do not move; springs to the ground hold the balls; a
-        ``progress`` has no method ``step``.
+        nowhere, has no contacts, is not at rest, has bodies that do not move and touch balls, or
+        has more balls than memory holds; springs to the ground hold the balls; a ``progress`` has
+        no method ``step``.
     MechanismError : a motion of the lattice costs no energy.
-    InstabilityError : with finite overlap, the lattice buckles.
+    InstabilityError : with finite overlap, or static forces of a network, the lattice buckles.
+    ConvergenceError : the balls of a large network do not relax.
     """
     state = as_state(state)
     require_progress(progress)
@@ -544,9 +546,12 @@ def moduli(state: Any, *, progress: Progress = silent) -> Moduli:
     Raises
     ------
     InputError : ``state`` is no state and has no network; balls do not move along the lattice;
-        springs to the ground hold the balls or resist their rotations; a network repeats nowhere,
-        or has bodies that do not move; a ``progress`` has no method ``step``.
+        springs to the ground hold the balls or resist their rotations; a network that
+        :func:`sound_velocities` refuses; a ``progress`` has no method ``step``.
     MechanismError : a motion of the lattice costs no energy.
+    InstabilityError : with finite overlap, or static forces of a network, some strain has a modulus
+        below zero, or moves balls in a way whose energy is negative.
+    ConvergenceError : the balls of a large network do not relax.
     """
     state = as_state(state)
     require_progress(progress)
@@ -643,14 +648,16 @@ def pulse_velocities(
     ------
     UnreachableFrequencyError : a branch ends, at its first maximum or the zone edge, below the
         frequency; or its waves cost no energy in that direction.
-    InputError : what is no state and has no network; a network that repeats nowhere or has bodies
-        that do not move; springs to the ground that hold the balls; a frequency that is not finite
+    InputError : what is no state and has no network; a network that :func:`sound_velocities`
+        refuses; springs to the ground that hold the balls; a frequency that is not finite
         and above zero, or so low that it has lost digits; an unknown branch, or an empty list; no
         direction where velocities depend on it; a direction that is not p finite numbers or has no
         length; frequencies whose shape does not broadcast against the load; more pulses than fit
         into memory.
     MechanismError : a motion of the lattice costs no energy.
-    InstabilityError : with finite overlap, the lattice buckles.
+    InstabilityError : with finite overlap, or static forces of a network, the lattice buckles.
+    ConvergenceError : the balls of a large network do not relax.
+    GranphonError : a branch cannot be followed through an avoided crossing.
     """
     state = as_state(state)
     hertz = finite_array("frequency", frequency, "Hz", "above zero")
@@ -861,12 +868,13 @@ def _find_last_frequencies(branches: AcousticBranches, wave: int) -> Array:
 
 
 def _explain_unreachable(
-    branch: AcousticBranch, target: Array, unit: Array
+    branch: AcousticBranch, targets: Array, units: Array
 ) -> UnreachableFrequencyError:
-    """Return the error for reduced angular frequencies ``target`` (m,), of which some are above the
-    top of the ``branch``; ``unit`` (m,) is the unit of each, rad/s. Of the frequencies above the
-    top, the error names the highest, and the top of the branch at the load of this frequency. If
-    the top is zero, the error says that the branch has no pulses, and what would give it some.
+    """Return the error for reduced angular frequencies ``targets`` (m,), of which some are above
+    the top of the ``branch``; ``units`` (m,) are the units of these, rad/s. Of the frequencies
+    above the top, the error names the highest, and the top of the branch at the load of this
+    frequency. If the top is zero, the error says that the branch has no pulses, and what would give
+    it some.
     """
     components = ", ".join(f"{component:.6g}" for component in branch.direction)
     along = f"in direction ({components})"
@@ -884,11 +892,11 @@ def _explain_unreachable(
             " zero",
             f"{remedy.capitalize()}, or name other branches",
         )
-    hertz = target / (2.0 * np.pi) * unit
+    hertz = targets / (2.0 * np.pi) * units
     # a load at which the branch reaches its own, higher frequency has no part in the message
-    pulse = int(np.argmax(np.where(target > branch.top, hertz, -np.inf)))
-    top = branch.top / (2.0 * np.pi) * unit[pulse]
-    at_load = " at the load of this frequency" if np.ptp(unit) > 0.0 else ""
+    pulse = int(np.argmax(np.where(targets > branch.top, hertz, -np.inf)))
+    top = branch.top / (2.0 * np.pi) * units[pulse]
+    at_load = " at the load of this frequency" if np.ptp(units) > 0.0 else ""
     return UnreachableFrequencyError(
         f"the {branch.name} branch does not reach {hertz[pulse]:.6g} Hz {along}",
         f"It ends at {top:.6g} Hz{at_load}",

@@ -233,10 +233,24 @@ def test_cells_of_dependent_vectors_or_other_axes_are_refused(hexagonal, cell):
         gp.ContactLattice(cell, hexagonal.positions, hexagonal.contacts, 0.8)
 
 
-@pytest.mark.parametrize("branches", [[[3]], [[-1]], [[0], [1]], [0], [[0.5]], [[]]])
+@pytest.mark.parametrize(
+    "branches", [[[3]], [[-1]], [[0], [1]], [0], [[0.5]], [[]], [[0], [0, 1]], "a"]
+)
 def test_energies_of_branches_that_there_are_not_are_refused(hexagonal, branches):
-    with pytest.raises(InputError, match="branches"):
-        hexagonal.mode_energies([[0.1, 0.2]], np.array(branches))
+    with pytest.raises(InputError, match="branches is"):
+        hexagonal.mode_energies([[0.1, 0.2]], branches)
+
+
+def test_energies_at_no_wave_vector_ask_for_one(hexagonal):
+    with pytest.raises(InputError, match="there is no wave vector"):
+        hexagonal.mode_energies(np.zeros((0, 2)))
+
+
+def test_frequencies_that_memory_does_not_hold_need_fewer_wave_vectors_alone(hexagonal):
+    with pytest.raises(InputError, match=r"Take fewer wave vectors\.$"):
+        hexagonal._require_memory_of_results(10**15, has_vectors=False)
+    with pytest.raises(InputError, match=r"or frequencies alone\.$"):
+        hexagonal._require_memory_of_results(10**15, has_vectors=True)
 
 
 def test_motions_out_of_the_plane_lengthen_no_contact(hexagonal):
@@ -282,6 +296,17 @@ def test_numbers_out_of_range_are_named(name, value):
     of_cell = (lattice.cell, lattice.positions, lattice.contacts)
     with pytest.raises(InputError, match=name):
         gp.ContactLattice(*of_cell, 0.5, **{name: value})
+
+
+def test_springs_are_a_copy_that_nothing_changes():
+    lattice = gp.ContactLattice.of("triangular", 0.5)
+    springs = np.ones((1, 3))
+    held = gp.ContactLattice(
+        lattice.cell, lattice.positions, lattice.contacts, 0.5, on_site=springs
+    )
+    springs[:] = 7.0
+    assert np.all(held.on_site == 1.0)
+    assert not held.on_site.flags.writeable
 
 
 @pytest.mark.parametrize(
