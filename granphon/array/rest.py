@@ -176,7 +176,7 @@ def equilibrate_by_factors(state: Equilibrium) -> Equilibrium:
     overlap of the state, found in a way that shares no linear algebra with :func:`bring_to_rest`.
 
     Balls begin on their sites, contacts are a list that is no grid, and each step of Newton's
-    method factorises its matrix.
+    method factorises its matrix, unless balls are too many for factors.
 
     Raises :class:`~granphon.base.errors.GranphonError` if the search does not come to rest.
     """

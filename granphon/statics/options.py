@@ -105,8 +105,8 @@ class InteriorOptions:
 class RestOptions:
     """Options of :func:`~granphon.statics.find_rest.find_rest`.
 
-    A residual is the largest force left, over the mean force of the contacts. Numbers of balls and
-    of iterations are those on a line, in the plane and in space.
+    A residual is the largest force left, over the mean force of the contacts. A mapping has the
+    numbers on a line (1), in the plane (2) and in space (3).
 
     Attributes
     ----------

@@ -264,7 +264,7 @@ class ListResponse(LinearResponse):
     def _list_solvers(
         self, reduction: float, largest_norm: float
     ) -> Iterator[Callable[[Array], Array | None]]:
-        """Yield functions that find about the motions (n m, k) under forces (n m, k), the fastest
+        """Yield functions that find approximate motions (n m, k) under forces (n m, k), the fastest
         first: each is for cases in which the rounds with the functions before come no nearer.
 
         The functions are conjugate gradients on a grid, factors, and GMRES for a tangent that is
