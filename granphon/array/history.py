@@ -265,9 +265,9 @@ class LoadingHistory:
         self, trail: Sequence[PressedArray], steps: int, load: ReducedLoad
     ) -> tuple[float, list[Array]]:
         """Return estimates of the changes that halving the last steps of the ``trail`` would make
-        on the way to the ``load``: a bound of the magnitude of that of f*, and for each step those
-        (2,) of the energies lost by sliding and by the law. ``steps`` is the number of these steps,
-        one or two.
+        on the way to the ``load``: a high one of the magnitude of that of f*, and for each step
+        those (2,) of the energies lost by sliding and by the law. ``steps`` is the number of these
+        steps, one or two.
 
         The middle of a step is interpolated between the last three states, and contacts follow
         their law to the middle and on to the end. By the theorem of reciprocity, tangential forces

@@ -192,8 +192,8 @@ class LoadStep:
         return trial
 
     def _stiffen(self, trial: Trial) -> Trial:
-        """Return a trial near balance if friction is small and there are no dashpots; otherwise the
-        ``trial`` as it is.
+        """Return the trial to which stages of softer contacts lead from a ``trial``, if friction is
+        small and there are no dashpots; otherwise the ``trial`` as it is.
 
         With small friction only as few contacts stick as keep the balls from turning, and Newton's
         method does not find out which contacts these are. If contacts are soft against slip, fewer

@@ -85,8 +85,9 @@ def bring_to_rest(
 
     Raises
     ------
-    InputError : the sample carries no load at this overlap; or no start is given, balls differ and
-        the force is below f* = 1e-8; or the ratio is below zero or too large.
+    InputError : the sample carries no load at this overlap or under this force; or no start is
+        given, balls differ and the force is below f* = 1e-8; or the ratio is below zero or too
+        large.
     ConvergenceError : the tolerance is not reached; the message states the residual at the end, if
         there is one.
     InstabilityError : in the true geometry equal balls collapse, as under a load that presses them

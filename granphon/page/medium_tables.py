@@ -253,9 +253,10 @@ def _choose_roots(packing: Packing, choice: MediumChoice, most: float) -> list[f
 def _find_effect_of_rolling(
     packing: Packing, choice: MediumChoice, most: float, low: float
 ) -> float:
-    """Return the largest relative change of k, from ln f* = ``low`` on, if torsion and bending,
-    over k d^2, are ``most`` or zero in place of the packing's; zero where the medium has the law of
-    equal balls, and where balls are equal on a lattice that is a mechanism at their eta.
+    """Return the largest relative change of k, from ln f* = ``low`` on, if torsion, bending or
+    both, over k d^2, are ``most``, or both are zero, in place of the packing's. It is zero where
+    the medium has the law of equal balls or the local field of the paper, and where balls are equal
+    on a lattice that is a mechanism at their eta.
 
     Pairs of torsion and bending with which the lattice is a mechanism, or the medium is beyond
     double precision or has no solution at ``low``, do not count. Raises MechanismError for balls
