@@ -113,8 +113,9 @@ def describe_network_page(
     Raises
     ------
     InputError : the source has no network, the network repeats along no period, has static
-        tangential forces or slip by levers that exceed the arms, or has more branches than a
-        browser can compute; or a ``direction`` that is not p finite numbers, or has no length.
+        tangential forces or torques, or slip by levers that exceed the arms, or has more branches
+        than a browser can compute; or a ``direction`` that is not p finite numbers, or has no
+        length.
     """
     state = NetworkState(given_network(source), getattr(source, "warnings", None))
     lattice = state.contact_lattice()
