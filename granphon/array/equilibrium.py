@@ -94,7 +94,7 @@ class Equilibrium(Result):
         return *super().__reduce__(), {"derivatives": self.derivatives}
 
     def share(self, deviations: Array, stencils: Stencils) -> Self:
-        """Return an equal equilibrium that holds the arrays ``deviations`` and the ``stencils``,
+        """Return an equal equilibrium that holds the array ``deviations`` and the ``stencils``,
         which must be equal to its own: if other equilibria hold them too, they take memory once.
         The derivatives and the place that this equilibrium has found are kept.
         """
@@ -366,10 +366,10 @@ class Equilibrium(Result):
         ``reduction`` is the error of the linear response in the norm of the energy, by default that
         of the statics; the error of the tensor is of the order of its square.
 
-        Contacts that bear no more than :data:`CARRIED_FORCE` times the residual count as open. It
-        matters more which contacts count as open than how large their forces are: a stiffness is
-        proportional to f^(1/3), and two contacts with some 1e-10 of the mean force make 2e-6 of the
-        tensor of 64 x 64 balls.
+        Contacts that bear no more than :data:`CARRIED_FORCE` times the largest force left on a ball
+        count as open. It matters more which contacts count as open than how large their forces are:
+        a stiffness is proportional to f^(1/3), and two contacts with some 1e-10 of the mean force
+        make 2e-6 of the tensor of 64 x 64 balls.
 
         Raises :class:`~granphon.base.errors.ConvergenceError` if the response is not found.
         """

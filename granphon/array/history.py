@@ -117,7 +117,8 @@ class LoadingHistory:
 
         Raises :class:`~granphon.base.errors.InputError` if the start is below the threshold, where
         no load is carried, and :class:`~granphon.base.errors.ConvergenceError` if no rest is found
-        there, or balls pressed from the gas do not stand.
+        there, or balls pressed from the gas do not stand; in the true geometry also the other
+        errors of :func:`~granphon.array.rest.bring_to_rest`.
         """
         if self.start == GAS:
             largest_mean = float(np.max(self.stencils.average_pairs(self.deviations)))
@@ -157,8 +158,9 @@ class LoadingHistory:
     def path(
         self, loads: Iterable[ReducedLoad], first: PressedArray | None = None
     ) -> Iterator[PressedArray]:
-        """Yield the state at each of the ordered ``loads``, which may go up and down, from the
-        ``first`` state or the start.
+        """Yield the state at each of the ``loads``, one after the other, from the ``first`` state
+        or the start; loads may go up and down. At a load that the last state bears already, this
+        state is yielded.
 
         Raises the errors of :meth:`begin`, and
         :class:`~granphon.base.errors.ConvergenceError` where no equilibrium is found; the message
@@ -184,8 +186,9 @@ class LoadingHistory:
 
     def _refine(self, trail: Sequence[PressedArray], load: ReducedLoad) -> Iterator[PressedArray]:
         """Yield the states on the way from the last of the ``trail`` to a ``load``, in steps so
-        short that halving them changes little. The changes of the lost energies that halving the
-        steps would make are added to those of the states.
+        short that halving them changes little, or in one step if the tolerance is infinite. The
+        changes of the lost energies that halving the steps would make are added to those of the
+        states, but not for an infinite tolerance.
 
         Raises ConvergenceError if a step finds no balance, or if steps would be too short or too
         many.
@@ -262,9 +265,9 @@ class LoadingHistory:
         self, trail: Sequence[PressedArray], steps: int, load: ReducedLoad
     ) -> tuple[float, list[Array]]:
         """Return estimates of the changes that halving the last steps of the ``trail`` would make
-        on the way to the ``load``: a bound of the magnitude of that of f*, and for each step those
-        (2,) of the energies lost by sliding and by the law. ``steps`` is the number of these steps,
-        one or two.
+        on the way to the ``load``: a high one of the magnitude of that of f*, and for each step
+        those (2,) of the energies lost by sliding and by the law. ``steps`` is the number of these
+        steps, one or two.
 
         The middle of a step is interpolated between the last three states, and contacts follow
         their law to the middle and on to the end. By the theorem of reciprocity, tangential forces

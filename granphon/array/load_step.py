@@ -130,6 +130,7 @@ class LoadStep:
         self._drag = drag
         self._patches = patches
         self._linear = LinearSteps(patches, bool(drag), self._options)
+        # without friction contacts bear no tangential force, and none comes to its limit
         self._can_slide = 0.0 < law.friction_coefficient < math.inf
         is_plane = len(self._stencils.motions.rotations) == 1
         # balls whose contacts all slide turn freely in a plane, unless dashpots hold them
@@ -191,8 +192,8 @@ class LoadStep:
         return trial
 
     def _stiffen(self, trial: Trial) -> Trial:
-        """Return a trial near balance if friction is small and there are no dashpots; otherwise the
-        ``trial`` as it is.
+        """Return the trial to which stages of softer contacts lead from a ``trial``, if friction is
+        small and there are no dashpots; otherwise the ``trial`` as it is.
 
         With small friction only as few contacts stick as keep the balls from turning, and Newton's
         method does not find out which contacts these are. If contacts are soft against slip, fewer
@@ -454,9 +455,9 @@ class LoadStep:
         """Return the trial after balls whose contacts all slide, the loose ones, have turned by
         themselves to where their torques vanish.
 
-        The ``trial`` itself is returned with dashpots, in space, or if no contact can slide; if the
-        trial is in balance or its balls have come apart; and if the torques on loose balls are no
-        more than what the linear equations of the next step leave.
+        The ``trial`` itself is returned with dashpots, in space, or if mu is zero or infinite; if
+        the trial is in balance or its balls have come apart; and if the torques on loose balls are
+        no more than what the linear equations of the next step leave.
 
         With a ``guess`` of the overlaps the stiffness against slip and Coulomb's limit are fixed
         there.
@@ -678,9 +679,9 @@ class LinearSteps:
             if self._invert_patch is not None:
                 self._invert_patch(force, motion)
                 grid_product.find_residual(product.product, pull, motions, residual)
-            # to the motion of single balls that by Green's function is added, under the forces that
-            # are left. Where few balls touch, it would carry these forces too far: there it is that
-            # under the whole force
+            # Green's function adds the motion under the forces that the motion of single balls
+            # leaves. Where few balls touch it would carry these too far: there it adds that under
+            # the whole force
             motion += green(force if self._is_damped else residual.reshape(force.shape))
 
         return apply

@@ -79,8 +79,8 @@ def _cycle(
     after the cycle, and the change of the solution (size,).
 
     The cycle ends early once the norm is ``reduction`` or less, or if a further product lies in the
-    space of those before it, or is not finite.
-    The ``residual`` (size,) at the start must not be zero.
+    space of those before it, or is not finite. The ``residual`` (size,) at the start must not be
+    zero.
 
     Arnoldi's relation is A W = V H, with the preconditioned vectors W, the orthonormal basis V of
     Krylov space, and H, whose entries below the first subdiagonal are zero. Givens rotations make H

@@ -1,5 +1,6 @@
 """What an array of balls can be asked for: loads in reduced units, the way to them, and the
-range of widths. The module imports nothing, so that media know these words without the solvers.
+range of widths. The module imports nothing of granphon, so that media know these words without the
+solvers.
 """
 
 from __future__ import annotations

@@ -95,8 +95,7 @@ class Patches:
         """Return the numbers of the ``balls`` of a patch and of ``more_balls``, sorted.
 
         A patch of more than half of all balls becomes that of all balls, if a patch may hold as
-        many. If the patch would be too large,
-        it stays that of the ``balls``.
+        many. If the patch would be too large, it stays that of the ``balls``.
         """
         union = np.union1d(balls, more_balls)
         if 2 * union.size > self._n_balls and self._n_balls <= self._most_balls:

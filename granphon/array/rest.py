@@ -85,8 +85,9 @@ def bring_to_rest(
 
     Raises
     ------
-    InputError : the sample carries no load at this overlap; or no start is given, balls differ and
-        the force is below f* = 1e-8; or the ratio is below zero or too large.
+    InputError : the sample carries no load at this overlap or under this force; or no start is
+        given, balls differ and the force is below f* = 1e-8; or the ratio is below zero or too
+        large.
     ConvergenceError : the tolerance is not reached; the message states the residual at the end, if
         there is one.
     InstabilityError : in the true geometry equal balls collapse, as under a load that presses them
@@ -176,7 +177,7 @@ def equilibrate_by_factors(state: Equilibrium) -> Equilibrium:
     overlap of the state, found in a way that shares no linear algebra with :func:`bring_to_rest`.
 
     Balls begin on their sites, contacts are a list that is no grid, and each step of Newton's
-    method factorises its matrix.
+    method factorises its matrix, unless balls are too many for factors.
 
     Raises :class:`~granphon.base.errors.GranphonError` if the search does not come to rest.
     """

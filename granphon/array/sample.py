@@ -227,8 +227,9 @@ class Sample(Result):
         """(2, n, n) elastic tensors of the same balls under exp(-:data:`STEP`) and exp(STEP) times
         the mean force.
 
-        This takes two more equilibria, each started from this one, and their linear responses.
-        Raises :class:`~granphon.base.errors.ConvergenceError` if one of these is not found.
+        This takes two more equilibria, each started from this one if the cell keeps its shape, and
+        their linear responses. Raises :class:`~granphon.base.errors.ConvergenceError` if one of
+        these is not found.
         """
         equilibrium = self.equilibrium
         loads = [ReducedLoad(force=equilibrium.force * math.exp(step)) for step in (-STEP, STEP)]

@@ -475,10 +475,10 @@ class Stencils:
     def green_preconditioner(
         self, precision: DTypeLike, stiffness: float
     ) -> Callable[[NDArray[Any]], NDArray[Any]]:
-        """Return the inverse of C^T K C for contacts of equal ``stiffness``, Green's function: a
-        function of a force (fields, L1, ..., Lp) that returns the motion (fields, L1, ..., Lp),
-        both in a ``precision``, single or double. The table of each precision is kept for further
-        calls.
+        """Return Green's function, the pseudo-inverse of C^T K C for contacts of equal
+        ``stiffness``: a function of a force (fields, L1, ..., Lp) that returns the motion (fields,
+        L1, ..., Lp), both in a ``precision``, single or double. The table of each precision is kept
+        for further calls.
         """
         real_type: np.dtype[Any] = np.dtype(precision)
         if real_type not in self._green_tables:

@@ -444,9 +444,9 @@ class Stepper:
         bearing at least half of ``options.standing_force``; None if they give way, or are not at
         rest after ``options.tries`` steps.
 
-        Dashpots are weakened from step to step, and taken away when balls hardly move. In space and
-        in the true geometry dashpots stay as stiff as contacts that push balls aside; balls give
-        way there if they move more in one step than in the step before.
+        Dashpots are weakened from step to step, and taken away when balls hardly move. In the true
+        geometry of space they are weakened no further than to the stiffness with which contacts
+        push balls aside; balls give way if they then move more in one step than in the step before.
         """
         load = ReducedLoad(overlap=state.overlap)
         options = self.options

@@ -54,14 +54,15 @@ def describe_network(lattice: ContactLattice, name: str) -> dict[str, Any]:
     the page takes a stiffness of 1 for each kind; each ball has its own mass and radius of
     gyration. ``complex`` says whether C(q) is complex, as it always is for a cell of several balls.
     In a cut, ``sides`` are -1 for balls in the lower quarter, 1 for balls in the upper quarter, and
-    0 for all other balls; without a cut ``sides`` is None.
+    0 for all other balls; ``sides`` is None without a cut, and in one of a single layer.
 
-    Raises :class:`~granphon.base.errors.InputError` for static tangential forces, and for slip by
-    levers that exceed the arms.
+    Raises :class:`~granphon.base.errors.InputError` for static tangential forces or torques, and
+    for slip by levers that exceed the arms.
     """
     if lattice.lacks_potential:
         raise InputError(
-            "a page draws no bands under static tangential forces, nor of slip by the radii",
+            "a page draws no bands under static tangential forces or torques, nor of slip by the"
+            " radii",
             mend="Give a network without prestress",
         )
     motions = lattice.named_motions

@@ -93,9 +93,10 @@ def tabulate_medium(
 
     Raises
     ------
-    InputError : the medium is not one of granphon's own.
+    InputError : the medium is not one of granphon's own, or does not take these balls.
     PrecisionError : the medium has no solution at any load of the page, or Xi is beyond double
         precision.
+    ConvergenceError : the samples of a simulation are not found.
     """
     name = choice.name
     description: dict[str, Any] = {
@@ -199,7 +200,7 @@ def _tabulate_simulation(
     ``least_force`` on.
     """
     curve, low, high, error = _simulate(packing, choice, least_force)
-    # the error of the simulation, in place of that of the interpolation
+    # the error of the spline through the loads, in place of that of the table of the spline
     errors = {"error": error, "friction_error": error, "note": _SIMULATION_NOTE}
     return _tabulate([curve], [0.0], low, high) | errors
 
@@ -241,7 +242,7 @@ def _choose_roots(packing: Packing, choice: MediumChoice, most: float) -> list[f
     nodes = 0.5 * (1.0 - np.cos(np.pi * np.arange(count) / (count - 1)))
     roots = least_root + (most**0.5 - least_root) * nodes
     root_of_packing = packing.mindlin_ratio**0.5
-    if root_of_packing > least_root:
+    if least_root < root_of_packing < most**0.5:
         # kinks of a law move with eta: a node at the packing's eta needs no interpolation in eta
         nearest = 1 + np.argmin(np.abs(roots[1:-1] - root_of_packing))
         roots[nearest] = root_of_packing
@@ -252,9 +253,10 @@ def _choose_roots(packing: Packing, choice: MediumChoice, most: float) -> list[f
 def _find_effect_of_rolling(
     packing: Packing, choice: MediumChoice, most: float, low: float
 ) -> float:
-    """Return the largest relative change of k, from ln f* = ``low`` on, if torsion and bending,
-    over k d^2, are ``most`` or zero in place of the packing's; zero where the medium has the law of
-    equal balls, and where balls are equal on a lattice that is a mechanism at their eta.
+    """Return the largest relative change of k, from ln f* = ``low`` on, if torsion, bending or
+    both, over k d^2, are ``most``, or both are zero, in place of the packing's. It is zero where
+    the medium has the law of equal balls or the local field of the paper, and where balls are equal
+    on a lattice that is a mechanism at their eta.
 
     Pairs of torsion and bending with which the lattice is a mechanism, or the medium is beyond
     double precision or has no solution at ``low``, do not count. Raises MechanismError for balls
@@ -382,8 +384,8 @@ def _tabulate(
     high: float,
     checks: list[tuple[float, _Curve]] | None = None,
 ) -> dict[str, Any]:
-    """Return "table", "error" and "friction_error" of :func:`tabulate_medium` from one of the
-    ``curves`` for each of the ``roots`` of eta, between ``low`` and ``high`` of ln f*.
+    """Return "table", "error" and "friction_error" of :func:`tabulate_medium`, with nodes of ln f*
+    from ``low`` to ``high``, from ``curves``, one for each of the ``roots`` of eta.
 
     "friction_error" is "error" and the largest error at ``checks``, pairs of a root of eta between
     the nodes and its curve; without checks nothing is added.

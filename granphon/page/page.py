@@ -113,8 +113,9 @@ def describe_network_page(
     Raises
     ------
     InputError : the source has no network, the network repeats along no period, has static
-        tangential forces or slip by levers that exceed the arms, or has more branches than a
-        browser can compute; or a ``direction`` that is not p finite numbers, or has no length.
+        tangential forces or torques, or slip by levers that exceed the arms, or has more branches
+        than a browser can compute; or a ``direction`` that is not p finite numbers, or has no
+        length.
     """
     state = NetworkState(given_network(source), getattr(source, "warnings", None))
     lattice = state.contact_lattice()
@@ -271,8 +272,10 @@ def describe_page(
     Parameters
     ----------
     packing : the balls.
-    media : the media among which the page lets choose; an automatic medium stands for the medium
-        that it takes at the first load, which a remark names.
+    media : the media among which the page lets choose, "ala" if there are none; an automatic medium
+        stands for the medium that it takes at the first load, which a remark names. Of equal balls
+        on a lattice of two or three periods "ema" takes the place of "ala" alone, for the slider of
+        the width.
     load : one load or more. The page begins at the first load, and its slider reaches beyond all
         loads.
     finite_overlap : whether the page begins with the terms of relative order delta/d.
@@ -285,8 +288,10 @@ def describe_page(
     ------
     InputError : a ``direction`` that is not p finite numbers, or has no length; a load that
         crystals alone bear, or that the balls cannot carry; an automatic medium that cannot be
-        chosen; a medium that is registered, has no solution at any load of the page
-        (PrecisionError), or has no stiffness on the lattice of balls that differ (MechanismError).
+        chosen; a medium that is registered, does not take these balls, has no solution at any load
+        of the page (PrecisionError), or has no stiffness on the lattice of balls that differ
+        (MechanismError).
+    ConvergenceError : the samples of a simulation are not found.
     """
     require_of_packing(load)
     structure = packing.structure
@@ -436,7 +441,7 @@ def _tabulate_media(
     packing: Packing, media: Sequence[MediumChoice], limits: _Limits
 ) -> list[dict[str, Any]]:
     """Return the table of each of the ``media``, see :func:`tabulate_medium`, within the ``limits``
-    of the sliders.
+    of the sliders; a medium that is there twice has one table.
 
     Raises :class:`MechanismError` if a medium has no table because the lattice is a mechanism, and
     the balls of the packing differ; and what :func:`tabulate_medium` raises.

@@ -33,14 +33,15 @@ def write_phononwebsite(bands: Bands, name: str) -> str:
     """Return the text of a JSON file with bands in the layout that phononwebsite reads; ``name`` is
     what the viewer calls them.
 
-    Each ball is an atom with the symbol of its kind (:func:`~granphon.atoms`), Fe if all are equal.
-    A ball that turns carries two more atoms as marks, with the symbol H (He if a kind is called H).
-    A mark at r from the centre of its ball moves by u + phi x r, for the displacement u and the
-    rotation phi of the ball. Vectors are displacements, with the phase of the ball in its cell. For
-    the wave vector q, in fractions, the viewer multiplies the vectors of the cell l steps away by
-    exp(2 pi i q.l). Lengths are in Angstrom, and a ball of one diameter is 2.5 Angstrom wide.
-    ``eigenvalues`` are in the decimal unit of hertz that stands in the name of the file's data;
-    the viewer writes cm^-1 in its place.
+    Each ball is an atom with the symbol of its kind (:func:`~granphon.atoms`) or, where balls have
+    no kinds, of its mass: Fe if all are equal. A ball that turns carries two more atoms as marks,
+    with the symbol H, or another that no ball has if a kind is called H. A mark at r from the
+    centre of its ball moves by u + phi x r, for the displacement u and the rotation phi of the
+    ball. Vectors are displacements, with the phase of the ball in its cell. For the wave vector q,
+    in fractions, the viewer multiplies the vectors of the cell l steps away by exp(2 pi i q.l).
+    Lengths are in Angstrom, and a ball of one diameter is 2.5 Angstrom wide. ``eigenvalues`` are in
+    the decimal unit of hertz that stands in the name of the file's data; the viewer writes cm^-1 in
+    its place.
 
     Raises :class:`~granphon.base.errors.InputError` for bands without eigenvectors.
     """

@@ -116,9 +116,10 @@ class Descent(ABC, Generic[P]):
         rest, or the error of a step that finds the reason before.
 
         Steps and iterations are counted, and places added to the trail. From rest at a saddle of
-        the energy the way goes on downhill, with a new trail. After ``options.steps`` steps, or
-        where the way is stuck, the place that the trail keeps counts as at rest if it has the
-        required residual, and is not asked whether it is a saddle.
+        the energy the way goes on downhill, with a new trail. After ``options.steps`` rounds, each
+        a step or a way down from a saddle, or where the way is stuck, the place that the trail
+        keeps counts as at rest if it has the required residual, and is not asked whether it is a
+        saddle.
         """
         place = self.begin(start)
         for _ in range(self.options.steps):

@@ -48,10 +48,10 @@ def find_rest(
     boundary : "stress": the cell takes the stress of the load; "isotropic": it keeps its shape and
         takes the pressure of the load. It does not matter where a strain, or a mean force of
         contacts, is given.
-    start : a state near by, which is not used where balls of a grid do not differ, in the
-        directions of the lattice. By default the search starts from linear springs or from the
-        sites, and in exact directions from rest on the lattice, which is then found first; steps on
-        the way there count too.
+    start : a state near by, which is not used in the directions of the lattice where the balls of
+        an even grid, of Hertz's law and pressed evenly, do not differ. By default the search starts
+        from linear springs or from the sites, and in exact directions from rest on the lattice,
+        which is then found first; steps on the way there count too.
     options : the numbers of the search; the defaults of :class:`RestOptions` if None.
 
     Raises
@@ -60,8 +60,9 @@ def find_rest(
         contact law does not reach the forces; or stiffnesses or forces differ by more than rounding
         allows.
     ConvergenceError : the search does not come to rest. Its ``reached`` is the last state of a
-        search on a grid in the directions of the lattice. In exact directions it is the nearest
-        state of balls that differ, or None if there is none. In all other searches it is None.
+        search on an even grid in the directions of the lattice. In exact directions it is the
+        nearest state of balls that differ, or None if there is none. In all other searches it is
+        None.
     InstabilityError : balls that do not differ have no rest in exact directions near that on the
         lattice.
     MechanismError : balls differ in exact directions, and some of their motions cost no energy even

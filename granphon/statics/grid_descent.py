@@ -153,7 +153,8 @@ class GridPlace:
         force of contacts, or the standard deviation of their forces if that is less, but at least
         that of ``options.least_difference``; where both are zero, the mean force. If the force left
         on the strains, over the mean force and the tolerance of the cell, is larger, the residual
-        is that force. Contacts must carry something.
+        is that force. What is left on balls counts as zero where it is the rounding of
+        displacements (:attr:`_has_rounded_pull`). Contacts must carry something.
         """
         problem = self.problem
         options = self.options

@@ -6,7 +6,7 @@ across the array. Each ball alone, before and after, takes account of contacts t
 iterations for all right sides at once then take less time than factors.
 
 The method stands once, in :class:`GridIteration`. A class below it brings the operator, which
-makes the forces against motions, and the preconditioner, which finds about the motions under
+makes the forces against motions, and the preconditioner, which finds approximate motions under
 forces. :class:`TangentIteration` is that of the tangent of a list that is spelled out.
 
 Motions and forces are arrays (f, k, cells) here, of f motions of the balls of a cell and k right
@@ -107,7 +107,7 @@ class GridIteration(ABC):
 
     @abstractmethod
     def find_motions(self, forces: Array) -> Values:
-        """Return about the motions (f, k, cells) under ``forces`` (f, k, cells), in single
+        """Return approximate motions (f, k, cells) under ``forces`` (f, k, cells), in single
         precision.
         """
 
@@ -275,7 +275,7 @@ class TangentIteration(GridIteration):
         return motion
 
     def find_motions(self, forces: Array) -> Values:
-        """Return about the motions (f, k, cells) under ``forces`` (f, k, cells), in single
+        """Return approximate motions (f, k, cells) under ``forces`` (f, k, cells), in single
         precision: each ball moves as if its neighbours were held, then all by Green's function
         under the forces that are left, then each ball again under those left by then.
         """

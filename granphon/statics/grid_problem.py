@@ -142,8 +142,8 @@ class GridProblem:
         return leaves_loose and not self.begins_inside(self.find_strains(), options)
 
     def find_strains(self) -> Array:
-        """Return the strains (s,) under which equal contacts have the mean force of the load; zeros
-        where a strain is given.
+        """Return the strains (s,) under which equal contacts have the mean force of the load, or
+        come nearest to it in overlap; zeros where a strain is given.
         """
         if self.has_given_strain:
             return np.zeros(len(self.work))
@@ -254,7 +254,7 @@ def _choose_unit(spread: float, given: Array, overlap: float) -> float:
     """Return the unit of lengths, m: the power of two that is nearest, on a logarithmic scale, to
     the width of diameters with a ``spread`` of overlaps on the sites, m. Of balls that do not
     differ, it is near the ``overlap``, m, of the mean force of the load, or else near the overlaps
-    ``given`` (kinds,), m, that a given strain makes; 1 m if there are none.
+    ``given`` (kinds,), m, that a given strain makes; 1 m where this length is zero or not finite.
     """
     length = _WIDTH_OVER_RMS * spread or overlap or float(np.max(np.abs(given)))
     return 2.0 ** round(math.log2(length)) if 0.0 < length < math.inf else 1.0

@@ -20,10 +20,10 @@ def conjugate_gradients(
     find such an x; otherwise x is that of the last iteration.
 
     ``apply`` multiplies by A, and ``precondition`` by an approximate inverse of A; both are
-    symmetric and positive definite. The residual right - A x is not lowered below a norm of
-    ``floor``, which is rounding. Where A has no curvature above zero along a direction of the
-    search, the residual that is left is rounding, or along a motion that costs nothing, and x
-    counts as found.
+    symmetric and positive definite, but for motions that cost nothing. The residual right - A x is
+    not lowered below a norm of ``floor``, which is rounding. Where A has no curvature above zero
+    along a direction of the search, the residual that is left is rounding, or along a motion that
+    costs nothing, and x counts as found.
     """
     solution = np.zeros_like(right)
     residual = right.copy()

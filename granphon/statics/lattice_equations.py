@@ -28,8 +28,8 @@ from granphon.statics.options import RestOptions
 from granphon.statics.stiff_factors import factorise_stiff
 
 Values = NDArray[Any]
-#: finds about the motions (f, cells) of balls under forces (f, cells), with the digits of single
-#: precision
+#: returns approximate motions (f, cells) of balls under forces (f, cells), with the digits of
+#: single precision
 Inverse = Callable[[Values], Values]
 
 
@@ -242,7 +242,9 @@ class LatticeIteration(GridIteration):
         grid_loops.resist(self._grid.runs, self._stiffness, *balls)
 
     def find_motions(self, forces: Array) -> Values:
-        """Return about the motions under ``forces``, both (f, 1, cells), in single precision."""
+        """Return approximate motions under ``forces`` over the mean stiffness, both (f, 1, cells),
+        in single precision.
+        """
         return self._inverse(forces[:, 0].astype(np.float32))[:, None]
 
     def find_way_down(self, search: Array | None) -> None:

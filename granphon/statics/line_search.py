@@ -47,7 +47,7 @@ def follow(way: Way[P], part: float, most: int) -> tuple[P, float]:
         """Return the slope at a ``length`` and a function that finds the derivative of the slope,
         and keep the place as the last one.
         """
-        last.clear()  # a large place is not kept beside the next one
+        last.clear()  # so that a large place is freed before the next one is made
         place = way.go(length)
         last.append(place)
         return way.find_slope(place), lambda: way.find_rise(place)
@@ -85,6 +85,7 @@ def find_length(
             break
         low, high = (length, high) if slope < 0.0 else (low, length)
         rise = find_rise() if math.isfinite(slope) else 0.0
+        del find_rise  # it holds the place, and a large place is not kept beside the next one
         length = length - slope / rise if rise > 0.0 else math.inf
         # outside the bracket: halve it, or, while it has no upper end, double the length
         if not low < length < high:

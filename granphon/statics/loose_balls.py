@@ -264,6 +264,9 @@ def find_way_down(configuration: Configuration, equations: Equations) -> Configu
     No curvature of the energy is below minus the strongest push (:func:`find_strongest_push`). So
     the lowest curvature is that nearest to this bound, and is found by factors with the bound as a
     shift. The way down begins along its motion. A curvature that may be rounding counts as zero.
+    The curvature is that of the tangent with the springs of
+    :meth:`~granphon.statics.newton.Linearisation.factorise`: weak ones, and those that hold one
+    ball against a drift of the whole.
     """
     options = equations.options
     problem = configuration.problem
@@ -276,7 +279,9 @@ def find_way_down(configuration: Configuration, equations: Equations) -> Configu
     factors = linear.factorise(strongest)
 
     def solve(right: Array) -> Array:
-        """Return the solution of the equations of the shifted matrix over its level."""
+        """Return the product (n,) of a right side ``right`` (n,) and the inverse of the shifted
+        matrix, in which stiffnesses are over ``linear.level``.
+        """
         return np.asarray(factors.solve(right) * linear.level)
 
     start = np.cos(np.arange(n) ** 2.0)  # the same at each call, and with a part of every motion

@@ -559,7 +559,7 @@ class IteratedEquations:
             return problem.collect_forces(normal, stiffness * loss)
 
         def find_motion(force: Array) -> Array:
-            """Return about the motion (size,) under a ``force`` (size,), without a drift."""
+            """Return an approximate motion (size,) under a ``force`` (size,), without a drift."""
             return problem.remove_drift(inverse(force))
 
         # the norm of forces left that are about the spacing of doubles at the forces of contacts

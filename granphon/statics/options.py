@@ -84,7 +84,8 @@ class InteriorOptions:
     least_error : tolerance of linear equations, over their right side, at least, and where mu is
         held.
     nearby_width : f^(2/3) and s of a contact with h = 0, over the standard deviation of h, where
-        the start is at rest under another load; on the sites of the lattice they are as large.
+        the start is at rest under another load; where it is on the sites of the lattice, they are
+        as large as that deviation.
     """
 
     gap: float = 1e-9
@@ -105,8 +106,8 @@ class InteriorOptions:
 class RestOptions:
     """Options of :func:`~granphon.statics.find_rest.find_rest`.
 
-    A residual is the largest force left, over the mean force of the contacts. Numbers of balls and
-    of iterations are those on a line, in the plane and in space.
+    A residual is the largest force left, over the mean force of the contacts. A mapping has the
+    numbers on a line (1), in the plane (2) and in space (3).
 
     Attributes
     ----------
@@ -429,11 +430,11 @@ class LoadingOptions:
         the states is continued.
     loss_error, work_error : error of the energy lost in a step, over that energy and over the work
         of the load, in tolerances of the mean force.
-    drag : first stiffness of dashpots over a step, in c W^(1/2): a convention, of which the mean
-        force of small arrays that come from the gas keeps percents.
+    drag : first stiffness of dashpots over a step, in c W^(1/2): a convention, on which the mean
+        force of small arrays that come from the gas depends by some percents.
     weakening : factor by which dashpots are weakened from one step to the next.
-    calm_steps : steps in a row in which forces of dashpots fall, after which a balance without is
-        tried.
+    calm_steps : steps in a row in which forces of dashpots do not grow, after which a balance
+        without dashpots is tried.
     still_force : force of dashpots, over the mean force, at which they are taken away.
     still_motion : motion in a step, in W, at which dashpots are taken away that stay as strong as
         the pushes of contacts, in the true geometry of space.

@@ -223,7 +223,8 @@ class ListResponse(LinearResponse):
         Each round solves for the forces that the rounds before have left, by ``solve``, which is
         one of the :meth:`_list_solvers`. The rounds end when :meth:`_suffices` holds with
         ``borne``, when ``solve`` finds no motions, or after ``options.rounds``. They also end when
-        a round leaves hardly less than the rounds before: its motions are then not added.
+        a round after the first leaves hardly less than the one before: its motions are then not
+        added.
         """
         matrix = self._tangent.matrix
         motions = np.zeros_like(right)
@@ -264,7 +265,7 @@ class ListResponse(LinearResponse):
     def _list_solvers(
         self, reduction: float, largest_norm: float
     ) -> Iterator[Callable[[Array], Array | None]]:
-        """Yield functions that find about the motions (n m, k) under forces (n m, k), the fastest
+        """Yield functions that find approximate motions (n m, k) under forces (n m, k), the fastest
         first: each is for cases in which the rounds with the functions before come no nearer.
 
         The functions are conjugate gradients on a grid, factors, and GMRES for a tangent that is

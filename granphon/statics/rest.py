@@ -25,7 +25,8 @@ class Rest:
     assembly : what is at rest.
     turned_normal : (n_c, d) unit vectors of contacts that have turned; None where they keep the
         directions of the sites.
-    residual : the largest force left, as on a ball, over the mean force of contacts.
+    residual : the largest force left, as on a ball, over the size of the forces of contacts: where
+        none adheres, the mean force of those that are closed. Infinite if that size is zero.
     steps, iterations : numbers of steps of Newton's method for all balls, and of iterations in
         these steps.
     """

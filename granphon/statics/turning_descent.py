@@ -134,8 +134,8 @@ class TurningDescent(ListDescent):
         With ``options.of_all``, tolerances over the mean force of all contacts are lowered to those
         over the mean force of closed ones. Where balls differ and matrices can be factorised,
         whether the crystal stands without friction is tested; that it does is remembered by the
-        assembly, which is not tested again. Raises :class:`~granphon.base.errors.MechanismError` if
-        motions of balls that differ cost nothing.
+        assembly, which is not tested again with as many free strains. Raises
+        :class:`~granphon.base.errors.MechanismError` if motions of balls that differ cost nothing.
         """
         assembly = self.problem.assembly
         assert start is not None

@@ -761,6 +761,17 @@ def test_listed_diameters_that_are_all_the_same_are_widened_evenly():
     assert listed["limits"] == expected["limits"]
 
 
+@pytest.mark.parametrize("poisson_ratio", [0.0, -0.2])
+def test_balls_with_the_largest_friction_of_the_slider_have_a_page(poisson_ratio):
+    """Their eta is the last node of the table: no other node may be put there."""
+    material = replace(BALLS.material, poisson_ratio=poisson_ratio)
+    packing = replace(BALLS, material=material, spread=gp.Uniform(2e-6))
+    data = describe_page(packing, [MediumChoice("ema")], FORCE)
+    roots = data["media"][0]["table"]["roots"]
+    assert data["start"]["eta"] == data["limits"]["eta"] == pytest.approx(roots[-1] ** 2)
+    assert np.min(np.diff(roots)) > 0.01
+
+
 def test_equal_balls_without_the_friction_that_holds_their_lattice_have_a_page():
     """The slider of friction goes to where the medium of balls that differ has a stiffness."""
     equal_balls = replace(BALLS, lattice="square", friction=False)
