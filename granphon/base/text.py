@@ -196,7 +196,9 @@ def decode(name: str, raw: bytes) -> str:
         # character
         has_controls = re.search(rb"[\x00-\x08\x0e-\x1f\x7f]", raw)
         guess = "" if has_controls else "Latin-1"
-        raise _make_encoding_error(name, raw, error.start, guess) from None
+        # Python counts behind a byte order mark
+        n_bytes_of_mark = len(raw) - len(error.object)
+        raise _make_encoding_error(name, raw, n_bytes_of_mark + error.start, guess) from None
 
 
 def _make_encoding_error(name: str, raw: bytes, position: int, guess: str) -> InputError:
@@ -439,7 +441,8 @@ class _Builder:
         mappings read on to the event that ends them.
 
         Raises :class:`InputError` for anchors, aliases and tags, for a whole number of too many
-        digits, and for lists and mappings in more than ``MAX_DEPTH`` others.
+        digits, for a list or mapping that stands in ``MAX_DEPTH`` others, and in a scene for
+        characters that cannot be printed.
         """
         self._refuse_special(event)
         self._note_line(event)
