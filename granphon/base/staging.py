@@ -384,7 +384,9 @@ class ResultFiles:
 
 
 def _find_existing_ancestor(path: Path) -> Path:
-    """Return the path itself if it exists, or else the nearest folder above it that exists."""
+    """Return the path itself if it exists, or else the nearest one above it that exists, which may
+    be that of a file.
+    """
     ancestor = path
     while not os.path.lexists(ancestor) and ancestor != ancestor.parent:
         ancestor = ancestor.parent

@@ -499,7 +499,7 @@ def _require_known_keys(data: Any) -> None:
             continue
         for key in value:
             if key not in keys:
-                refused = make_key_refusal(key, keys, _find_block(key, keys_of_blocks))
+                refused = make_key_refusal(key, keys, _suggest_block(key, keys_of_blocks))
                 raise refused.under(name) if name else refused
 
 
@@ -512,7 +512,7 @@ def _require_kind_of_load(value: Any) -> None:
         raise Refused(problem, _ONE_LOAD, mend, ("load",))
 
 
-def _find_block(key: Any, keys_of_blocks: Mapping[str, Sequence[str]]) -> str:
+def _suggest_block(key: Any, keys_of_blocks: Mapping[str, Sequence[str]]) -> str:
     """Return a sentence that says under which block the ``key`` belongs, the first that has it; an
     empty text if no block has it. ``keys_of_blocks`` are the keys by the name of the block, those
     of the top level under "".

@@ -506,8 +506,8 @@ def _write_parameters(
     """
 
     def write(name: str, values: tuple[Any, ...]) -> Any:
-        """Return plain data for the values of the parameter ``name``: a list, or for numbers a
-        range if the values are those of one.
+        """Return plain data for the values of the parameter ``name``: a list, or for numbers alone
+        what :func:`~granphon.base.settings.write_values` makes of them.
         """
         kind = find_kind(name)
         has_words = any(isinstance(value, str) for value in values)

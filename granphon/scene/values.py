@@ -312,7 +312,8 @@ class SceneValues:
     def waves(self) -> WaveSettings | None:
         """The waves that the scene observes: in simulated arrays and in packings in files a density
         of states, spectral functions and a pulse, and in the network of each state what the blocks
-        of networks ask for; None for a scene that observes none of these.
+        of networks ask for; None for a scene that observes none of these. A density of states that
+        is observed counts also where the state is a lattice, whose phonons have it.
         """
         blocks = map(self.observed_settings, NETWORK_BLOCKS)
         settings_of_networks = tuple(settings for settings in blocks if settings is not None)
