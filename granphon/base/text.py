@@ -31,6 +31,7 @@ from granphon.base.errors import (
     GranphonError,
     InputError,
     MissingFileError,
+    MissingPackageError,
     MissingSceneError,
     Refused,
     SceneError,
@@ -818,7 +819,7 @@ def warn_unverified(path: str | os.PathLike[str]) -> None:
     """
     text = message(
         f"{path} carries no digest",
-        "Another program wrote it: damage would not be noticed",
+        "Another program wrote it, or the digest was removed: damage would not be noticed",
         "Make it again if in doubt",
     )
     warnings.warn(text, UnverifiedFileWarning, stacklevel=3)
@@ -829,11 +830,12 @@ def require_own_file(path: str | os.PathLike[str], kind: str) -> Iterator[None]:
     """Turn an exception of the block into an ``InputError``: the file at ``path`` is not a ``kind``
     written by granphon.
 
-    A :class:`~granphon.base.errors.SchemaError` passes as it is, and so does a lack of memory.
+    A :class:`~granphon.base.errors.SchemaError` passes as it is, and so do a package that is not
+    installed, and a lack of memory.
     """
     try:
         yield
-    except (SchemaError, MemoryError):
+    except (SchemaError, MissingPackageError, MemoryError):
         raise
     except Exception as error:
         problem = f"{path} is not a {kind} written by granphon"
