@@ -602,7 +602,7 @@ def load_quantities(periods: int) -> dict[str, Quantity]:
     in space (1, 2, 3 ``periods``).
 
     A pressure is a force on a line, a force per length of the boundary of a layer, and a force per
-    area in space.
+    area in space. The mapping may be :data:`LOADS` itself, and must not be changed.
     """
     return LOADS if periods == 2 else LOADS | {"pressure": _PRESSURES[periods]}
 
@@ -611,7 +611,8 @@ def tensor_quantities(periods: int) -> dict[str, Quantity]:
     """Return the quantity of a component of the "stress" and of the "strain" on balls along a line,
     in a layer or in space (1, 2, 3 ``periods``).
 
-    A stress is a pressure of any sign, in the units of :func:`load_quantities`.
+    A stress is a pressure of any sign, in the units of :func:`load_quantities`. The mapping may be
+    :data:`TENSORS` itself, and must not be changed.
     """
     if periods == 2:
         return TENSORS
