@@ -179,7 +179,8 @@ class Quantity:
 
     def _split(self, value: Any) -> tuple[str, str]:
         """Return the number and the unit that a text holds, as texts; :class:`Refused` if ``value``
-        is no text, or the text is too long, or lacks a finite number or a unit.
+        is no text, or the text is too long, does not begin with a number, or lacks a unit. Whether
+        the number is finite, and the unit known, is not checked.
         """
         mend = f"Write the unit too, such as '{self.example}'."
         is_number = isinstance(value, int | float) and not isinstance(value, bool)
@@ -226,7 +227,8 @@ class Quantity:
         Where the unit is a power of ten times the SI unit, the decimal point of the text is
         shifted; other products are quotients of whole numbers. Both are exact before they are
         rounded. Returns None where only :meth:`read` will do: if ``unit`` is not of this kind of
-        quantity, or if a number is to be refused or has an unusual form.
+        quantity; or if a text is no plain number or very long, or its number is to be refused, or
+        is near the ends of the floating range.
         """
         import numpy as np  # here alone, so that the command's help needs no numpy
 
@@ -413,7 +415,8 @@ def split_error(text: str) -> tuple[Any, str] | None:
     into its value and its standard error.
 
     Returns the value in the form in which it would stand alone, "8 mm" or a plain number, which is
-    infinite if it is too large for a float, and the error as a text with its unit, "4 um" or "1 %".
+    infinite if it is too large for a float, and the error as a text with its unit, if it has one,
+    "4 um" or "1 %".
     Neither is checked further. None for a text of another form, or in which either is longer than a
     quantity may be.
     """
@@ -525,7 +528,8 @@ def is_si(unit: str, dimension: str = "") -> bool:
 @cache
 def _find_unit(name: str) -> tuple[Fraction, Counter[str]]:
     """Return the factor and the powers, as :func:`_measure` does, of the unit ``name``, which may
-    have a prefix and be in the plural; raise KeyError if the name is not known.
+    have a prefix and be in the plural; raise KeyError if the name is not known. The powers are kept
+    for the next call, and must not be changed.
     """
     singular = name.removesuffix("s") if len(name) > _MOST_LETTERS_OF_SINGULAR else name
     spellings = dict.fromkeys((name, singular))  # in this order, each once
@@ -598,7 +602,7 @@ def load_quantities(periods: int) -> dict[str, Quantity]:
     in space (1, 2, 3 ``periods``).
 
     A pressure is a force on a line, a force per length of the boundary of a layer, and a force per
-    area in space.
+    area in space. The mapping may be :data:`LOADS` itself, and must not be changed.
     """
     return LOADS if periods == 2 else LOADS | {"pressure": _PRESSURES[periods]}
 
@@ -607,7 +611,8 @@ def tensor_quantities(periods: int) -> dict[str, Quantity]:
     """Return the quantity of a component of the "stress" and of the "strain" on balls along a line,
     in a layer or in space (1, 2, 3 ``periods``).
 
-    A stress is a pressure of any sign, in the units of :func:`load_quantities`.
+    A stress is a pressure of any sign, in the units of :func:`load_quantities`. The mapping may be
+    :data:`TENSORS` itself, and must not be changed.
     """
     if periods == 2:
         return TENSORS

@@ -89,7 +89,8 @@ class Registry(Mapping[str, T]):
         The same object may be added again, and takes the place of the former: an equal object, or a
         function or class defined anew under its own name in the same module, as by a cell of a
         notebook that runs twice. Raises :class:`~granphon.base.errors.InputError` if there is
-        another entry of this name, or if the name is none that tables can show.
+        another entry of this name, or the same one of another plug-in, or if the name is none that
+        tables can show.
         """
         # imported here, so that a command that only lists the plug-ins loads no NumPy
         from granphon.base.validation import label, require

@@ -65,19 +65,19 @@ def write_html(title: str, rows: Iterable[tuple[str, Any, str]]) -> str:
     """
     html_rows = []
     for name, value, unit in rows:
-        value_text = _clean(describe_value(value))
-        unit_text = "" if unit == "1" else _clean(unit)
-        cells = f"<th>{_clean(name)}</th><td>{value_text}</td><td>{unit_text}</td>"
+        value_text = _escape_printable(describe_value(value))
+        unit_text = "" if unit == "1" else _escape_printable(unit)
+        cells = f"<th>{_escape_printable(name)}</th><td>{value_text}</td><td>{unit_text}</td>"
         html_rows.append(f"<tr>{cells}</tr>")
     body = "".join(html_rows)
     head = "<tr><th>name</th><th>value</th><th>unit</th></tr>"
-    caption = f"<caption>{_clean(title)}</caption>"
+    caption = f"<caption>{_escape_printable(title)}</caption>"
     return f"<table>{caption}<thead>{head}</thead><tbody>{body}</tbody></table>"
 
 
-def _clean(text: str) -> str:
-    """Escape a text for HTML; a letter that cannot be printed, which HTML may not hold, becomes a
-    question mark.
+def _escape_printable(text: str) -> str:
+    """Escape a text for HTML; a letter that :meth:`str.isprintable` refuses, such as a control
+    character or a line feed, becomes a question mark.
     """
     return escape("".join(letter if letter.isprintable() else "?" for letter in text))
 
@@ -571,7 +571,8 @@ def restore(value: Any, kind: Any, name: str = "the data") -> Any:
     - a NumPy dtype, for an array of such entries;
     - a tuple of kinds, for a tuple whose entries have these kinds in turn, or a tuple of one kind
       and ``...``, for a tuple of any length;
-    - a list or a union of kinds, for an object of the first of them that takes the data;
+    - a list or a union of kinds, for an object of the class among them that the data name, or else
+      of the first of them that takes the data;
     - Any, for a scalar or an array;
     - object, for a scalar, or a list of such objects, which becomes a tuple;
     - a function without arguments that returns a kind, for a class that is defined later.
@@ -677,14 +678,15 @@ def _restore_one_of(value: Any, kinds: list[Any], name: str) -> Any:
 
 def _restore_object(value: Any, kind: Any, name: str) -> Any:
     """Return the object of the dataclass ``kind`` that the plain data ``value``, called ``name``,
-    describe, or ``value`` itself if it is such an object; InputError if the value is neither, or no
-    object can be made from its fields.
+    describe, or ``value`` itself if it is such an object; InputError if the value is neither, or if
+    no object can be made from the data.
     """
     if isinstance(value, kind):
         return value
     if not isinstance(value, Mapping) or _read_class_name(value) != kind.__name__:
         raise _make_kind_error(name, value, kind.__name__)
-    # a result in the field of another one is stored without these keys, and has nothing to check
+    # a result in the field of another one is stored without these keys: it has no schema, units and
+    # digest of its own, which from_dict would check
     is_from_to_dict = any(key in value for key in _ABOUT)
     if is_from_to_dict and issubclass(kind, Result):
         return kind.from_dict(value)
@@ -723,7 +725,9 @@ def _build_object(data: Mapping[str, Any], kind: Any) -> Any:
 
 
 def _name_kind(value: Any) -> str:
-    """Return the kind of plain data in words for a message, and the value itself of a scalar."""
+    """Return the kind of plain data in words for a message, and the value itself unless it is a
+    list, a mapping or None.
+    """
     if isinstance(value, Mapping):
         return f"data of a {show(value['class'])}" if "class" in value else "a mapping"
     if value is None:

@@ -336,12 +336,12 @@ def file_header(unit: HertzPrefix, scales: Units, coordinates: Sequence[str]) ->
 
 
 def read_header(path: object, block: Mapping[str, Any]) -> tuple[float, Units]:
-    """Return the unit of frequency, Hz, and the scales from the ``block`` of the file ``path`` that
-    :func:`file_header` made.
+    """Return the size of the unit of frequency, Hz, and the scales from the ``block`` of the file
+    ``path`` that :func:`file_header` made.
 
     Raises :class:`~granphon.base.errors.SchemaError` for another schema,
-    :class:`~granphon.base.errors.InputError` for a frequency unit or scales that cannot be right,
-    and KeyError for another entry that is missing.
+    :class:`~granphon.base.errors.InputError` for a frequency unit or scales that are missing or not
+    valid, but KeyError if the schema, the name of the unit or its size is missing.
     """
     require_schema(path, block["schema"], _HEADER_SCHEMA)
     hertz = HertzPrefix.named(block["frequency_unit"]).hertz

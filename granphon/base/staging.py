@@ -147,8 +147,8 @@ class ResultFiles:
         unless they are among ``names``; if one has been changed since, or is read by the run, an
         error is raised.
     inputs : files that the run reads, which are never replaced or removed.
-    known_texts : texts of files; a file with such a text counts as written by granphon, whatever
-        the list of the folder says.
+    known_texts : texts of files; a file of one of the ``names`` that has such a text counts as
+        written by granphon, whatever the list of the folder says.
 
     Raises
     ------
@@ -182,8 +182,8 @@ class ResultFiles:
         FileExistsInRunError : a file exists and ``force`` is off, or it may not be replaced or
             removed at all.
         MissingPackageError : a file is one of netCDF, and what writes it is not installed.
-        OutputError : the folder is a file, or may not be written to, or one of the ``names`` is a
-            folder.
+        OutputError : the folder is a file, or may not be written to; one of the ``names`` is a
+            folder; or a name or the path of the folder has a null character.
         """
         if any(name.endswith(".nc") for name in self.names):
             require_installed("A netCDF file", "h5netcdf", "h5py")
@@ -201,8 +201,9 @@ class ResultFiles:
         end of the block.
 
         Errors are those of :meth:`require_free`; also raises
-        :class:`~granphon.base.errors.OutputError` if another run has the lock. Folders that the
-        method has made and that are still empty at the end are removed again.
+        :class:`~granphon.base.errors.OutputError` if another run has the lock, or if the file of
+        the lock is not one that granphon makes. Folders that the method has made and that are still
+        empty at the end are removed again.
         """
         self.require_free()
         target = self._target
@@ -383,7 +384,9 @@ class ResultFiles:
 
 
 def _find_existing_ancestor(path: Path) -> Path:
-    """Return the path itself if it exists, or else the nearest folder above it that exists."""
+    """Return the path itself if it exists, or else the nearest one above it that exists, which may
+    be that of a file.
+    """
     ancestor = path
     while not os.path.lexists(ancestor) and ancestor != ancestor.parent:
         ancestor = ancestor.parent

@@ -31,6 +31,7 @@ from granphon.base.errors import (
     GranphonError,
     InputError,
     MissingFileError,
+    MissingPackageError,
     MissingSceneError,
     Refused,
     SceneError,
@@ -196,7 +197,9 @@ def decode(name: str, raw: bytes) -> str:
         # character
         has_controls = re.search(rb"[\x00-\x08\x0e-\x1f\x7f]", raw)
         guess = "" if has_controls else "Latin-1"
-        raise _make_encoding_error(name, raw, error.start, guess) from None
+        # Python counts behind a byte order mark
+        n_bytes_of_mark = len(raw) - len(error.object)
+        raise _make_encoding_error(name, raw, n_bytes_of_mark + error.start, guess) from None
 
 
 def _make_encoding_error(name: str, raw: bytes, position: int, guess: str) -> InputError:
@@ -439,7 +442,8 @@ class _Builder:
         mappings read on to the event that ends them.
 
         Raises :class:`InputError` for anchors, aliases and tags, for a whole number of too many
-        digits, and for lists and mappings in more than ``MAX_DEPTH`` others.
+        digits, for a list or mapping that stands in ``MAX_DEPTH`` others, and in a scene for
+        characters that cannot be printed.
         """
         self._refuse_special(event)
         self._note_line(event)
@@ -815,7 +819,7 @@ def warn_unverified(path: str | os.PathLike[str]) -> None:
     """
     text = message(
         f"{path} carries no digest",
-        "Another program wrote it: damage would not be noticed",
+        "Another program wrote it, or the digest was removed: damage would not be noticed",
         "Make it again if in doubt",
     )
     warnings.warn(text, UnverifiedFileWarning, stacklevel=3)
@@ -826,11 +830,12 @@ def require_own_file(path: str | os.PathLike[str], kind: str) -> Iterator[None]:
     """Turn an exception of the block into an ``InputError``: the file at ``path`` is not a ``kind``
     written by granphon.
 
-    A :class:`~granphon.base.errors.SchemaError` passes as it is, and so does a lack of memory.
+    A :class:`~granphon.base.errors.SchemaError` passes as it is, and so do a package that is not
+    installed, and a lack of memory.
     """
     try:
         yield
-    except (SchemaError, MemoryError):
+    except (SchemaError, MissingPackageError, MemoryError):
         raise
     except Exception as error:
         problem = f"{path} is not a {kind} written by granphon"

@@ -588,7 +588,7 @@ def _describe_point(point: MeasuredPoint) -> tuple[str, ...]:
     """Return the eleven cells of the row of a point in the table of a trade-off. A point that was
     not run has the reason in the last cell, and no numbers; one without errors has "?" for them.
     """
-    if point.failure and not point.seconds:
+    if not point.ran:
         no_numbers = ("",) * 8
         return (point.method, point.knob, *no_numbers, point.failure)
     return (

@@ -149,9 +149,10 @@ def write_blocks(scene: Any, context: Context) -> dict[str, Any]:
     """Return the blocks of the file of a scene, by name, as plain data.
 
     Values that are defaults are written too, unless their kind writes none: None, what is empty,
-    and torsion and bending of zero. Blocks that belong to other balls than those of the scene are
-    left out, and of a packing in files the load and the medium as well. The ``context`` is the one
-    in which :func:`read_blocks` reads the blocks again.
+    and torsion and bending of zero. Left out are blocks of settings that the scene does not have, a
+    spectrum that is not observed and has all defaults, blocks that belong to other balls than those
+    of the scene, and of a packing in files the load and the medium as well. The ``context`` is the
+    one in which :func:`read_blocks` reads the blocks again.
     """
     blocks: dict[str, Any] = {}
     absent_blocks = set().union(*_BLOCKS_OF_MEDIA.values())
@@ -252,8 +253,10 @@ def read_blocks(document: Document, folder: Path) -> dict[str, Any]:
 
     Of several mistakes :class:`~granphon.base.errors.SceneError` names the first in this order:
 
-    1. an unknown key, as a misspelt key is often the reason why another is missing;
-    2. a mistake in what the rules of other values depend on: the lattices, or balls and crystal;
+    1. an unknown key, at the top level or right in a block, as a misspelt key is often the reason
+       why another is missing; and loads without their kind;
+    2. a block beside another in whose place it stands, and a mistake in what the rules of other
+       values depend on: the lattices, balls and crystal, or the files of a packing;
     3. block by block in the order of the document, a value that its rule refuses, or else a missing
        key of the block;
     4. a missing block.
@@ -496,7 +499,7 @@ def _require_known_keys(data: Any) -> None:
             continue
         for key in value:
             if key not in keys:
-                refused = make_key_refusal(key, keys, _find_block(key, keys_of_blocks))
+                refused = make_key_refusal(key, keys, _suggest_block(key, keys_of_blocks))
                 raise refused.under(name) if name else refused
 
 
@@ -509,7 +512,7 @@ def _require_kind_of_load(value: Any) -> None:
         raise Refused(problem, _ONE_LOAD, mend, ("load",))
 
 
-def _find_block(key: Any, keys_of_blocks: Mapping[str, Sequence[str]]) -> str:
+def _suggest_block(key: Any, keys_of_blocks: Mapping[str, Sequence[str]]) -> str:
     """Return a sentence that says under which block the ``key`` belongs, the first that has it; an
     empty text if no block has it. ``keys_of_blocks`` are the keys by the name of the block, those
     of the top level under "".
@@ -529,7 +532,8 @@ def _find_block(key: Any, keys_of_blocks: Mapping[str, Sequence[str]]) -> str:
 def _find_lattice(data: Any) -> Lattice:
     """Return the lattice, in the plain ``data`` of a scene, on which the rules of other values
     depend: the lattice of the packing, by default triangular; but if the scene sweeps over lattices
-    of another dimension, the first of these. Refused for a value that is no lattice.
+    with another number of periods or dimension, the first of these. Refused for a value that is no
+    lattice.
     """
     readers = {"packing": PARTS["lattice"].rule(Context()), "sweep": file_keys.read_lattices}
     lattices = {}
@@ -987,8 +991,8 @@ class SceneSource(Places):
             material = Material(**blocks["material"])
             packing = Packing(material, **{name: values[name] for name in names})
         # The motions that balls may have, and the stiffnesses that resist them, depend on the
-        # dimension. If the lattices of a sweep differ in dimension from the packing's own, the
-        # first of them takes its place.
+        # dimension. If the lattices of a sweep differ in dimension, or in the number of periods,
+        # from the packing's own, the first of them takes its place.
         lattices = dict(blocks.get("sweep", ())).get("lattice", ())
         if choose_lattice(packing.structure, lattices) != packing.structure:
             packing = replace(packing, lattice=lattices[0])

@@ -464,8 +464,9 @@ def _read_parameters(value: Any, context: Context) -> tuple[tuple[str, tuple[Any
 
 
 def find_kind(name: str) -> Kind:
-    """Return the kind of the values of the parameter ``name`` of a sweep; KeyError for any other
-    name.
+    """Return the kind of the values of the parameter ``name`` of a sweep, such as "width",
+    "A.diameter" or "on_site.x". Any words may stand before a point, as the name of a kind of balls;
+    KeyError if the name does not end in that of a parameter.
     """
     if name in SPRING_PARAMETERS:
         # "on_site.x" is that of one motion, "on_site" that of all displacements
@@ -505,8 +506,8 @@ def _write_parameters(
     """
 
     def write(name: str, values: tuple[Any, ...]) -> Any:
-        """Return plain data for the values of the parameter ``name``: a list, or for numbers a
-        range if the values are those of one.
+        """Return plain data for the values of the parameter ``name``: a list, or for numbers alone
+        what :func:`~granphon.base.settings.write_values` makes of them.
         """
         kind = find_kind(name)
         has_words = any(isinstance(value, str) for value in values)
@@ -1225,8 +1226,9 @@ def _read_tensor(value: Any, name: str, periods: int, read_component: Rule) -> t
     """Return the components of the tensor ``name`` in Voigt order: of a "stress" in N, N/m or Pa
     for 1, 2 or 3 ``periods``, or of a "strain".
 
-    The ``value`` is a list in this order, or the rows (p, p) of a symmetric matrix, whose entries
-    ``read_component`` reads. Refused for any other value, and for a tensor of zeros.
+    The ``value`` is a list in this order, for one period also the component alone, or the rows (p,
+    p) of a symmetric matrix. Its entries are read by ``read_component``. Refused for any other
+    value, and for a tensor of zeros.
     """
     n_components = len(voigt_pairs(periods))
     rows = list(value) if isinstance(value, list | tuple) else [value]

@@ -220,12 +220,12 @@ class SceneValues:
                 self._assign(name, require(name, declared.kind.rule(context), value))
 
     def _settle_path(self, lattice: Lattice) -> None:
-        """Set the default path of the bands if none is given; InputError for a given one that is no
-        :class:`~granphon.BandPath`.
+        """Set the default path of the bands, or of the spectrum of a packing in files, if none is
+        given; InputError for a given one that is no :class:`~granphon.BandPath`.
 
-        A scene that observes no bands and no spectrum has the path of a ``lattice`` in the plane
-        alone. On a chain and in space ``band`` stays None: ASE, which knows the paths in space, is
-        asked only if a path is needed.
+        If the scene observes neither bands nor a spectrum, a default is set only on a ``lattice``
+        of two periods. On others ``band`` stays None: ASE, which knows the paths in space, is asked
+        only if a path is needed.
         """
         band: Any = self.band
         if band is not None:
@@ -271,8 +271,8 @@ class SceneValues:
 
     @property
     def path(self) -> BandPath:
-        """Path of the bands in reciprocal space: ``band``, or the default of the lattice where that
-        is None.
+        """The path in reciprocal space of the bands and of a spectrum: ``band``, or the default of
+        the lattice where that is None.
         """
         return BandPath.default(self.packing.structure) if self.band is None else self.band
 
@@ -312,7 +312,8 @@ class SceneValues:
     def waves(self) -> WaveSettings | None:
         """The waves that the scene observes: in simulated arrays and in packings in files a density
         of states, spectral functions and a pulse, and in the network of each state what the blocks
-        of networks ask for; None for a scene that observes none of these.
+        of networks ask for; None for a scene that observes none of these. A density of states that
+        is observed counts also where the state is a lattice, whose phonons have it.
         """
         blocks = map(self.observed_settings, NETWORK_BLOCKS)
         settings_of_networks = tuple(settings for settings in blocks if settings is not None)
@@ -343,7 +344,7 @@ class SceneValues:
         :func:`~granphon.scene.file.write_blocks`, and quantities are in SI units.
 
         The text gives the same scene, to the last bit, when it is read again. A measured spread of
-        more than 1000 diameters is written as the name of a table, whose text is
+        a packing with more than 1000 diameters is written as the name of a table, whose text is
         :attr:`diameters`. :class:`~granphon.base.errors.InputError` if a file has no words for the
         law of contacts, or for a crystal that was given as it is, or if the text is too long.
         """
@@ -439,8 +440,8 @@ class SceneValues:
 
     @cached_property
     def diameters(self) -> str | None:
-        """Text of ``diameters.csv``: the measured diameters, m, if they are too many for the scene
-        file; else None.
+        """Text of ``diameters.csv``: the measured diameters of a packing, m, if they are too many
+        for the scene file; else None.
         """
         spread: Any = self.packing.spread
         if not file_keys.is_long(spread):
@@ -711,7 +712,7 @@ class SceneValues:
     def _require_consistency(self, given_path: BandPath | None) -> None:
         """Raise :class:`~granphon.base.errors.Refused` if values that are allowed one by one
         exclude each other. ``given_path`` is the argument ``band``, the path of the bands; None if
-        the lattice has the path.
+        none was given.
         """
         structure = self.packing.structure
         self._require_supercell()

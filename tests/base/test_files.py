@@ -1,5 +1,6 @@
 import math
 import re
+import sys
 from contextlib import suppress
 from pathlib import Path
 
@@ -8,13 +9,14 @@ import yaml
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from granphon.base.errors import InputError, SceneError
+from granphon.base.errors import InputError, MissingPackageError, SceneError
 from granphon.base.text import (
     closest,
     dump_yaml,
     parse_yaml,
     plain_yaml,
     read_text,
+    require_own_file,
     show,
     versions,
     write_float,
@@ -288,6 +290,13 @@ def test_read_text_takes_a_byte_order_mark(tmp_path: Path) -> None:
     path = tmp_path / "s.yaml"
     path.write_bytes(b"\xef\xbb\xbfa: 1\r\n")
     assert parse_yaml(read_text(path), "s").data == {"a": 1}
+
+
+def test_a_missing_package_is_no_fault_of_the_file(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "yaml", None)
+    missing = pytest.raises(MissingPackageError, match="needs yaml")
+    with missing, require_own_file("band.yaml", "band.yaml"):
+        plain_yaml("a: 1\n", "band.yaml")
 
 
 def test_closest() -> None:

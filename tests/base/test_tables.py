@@ -248,6 +248,8 @@ def test_utf_8_is_read_with_its_mark_and_without(encoding):
             "diameter (m)\n8\n# é\n".encode("latin-1"),
             "lot.csv:3 .*byte 0xe9",
         ),
+        # bytes behind a mark are counted with the mark
+        (b"\xef\xbb\xbfsize (m)\n# \xe9\n", "lot.csv:2 .*byte 0xe9"),
         (
             b"a\n\x89PNG\r\n\x1a",
             "lot.csv:2 .*byte 0x89.* text",
