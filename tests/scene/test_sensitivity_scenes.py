@@ -146,7 +146,6 @@ def test_balls_that_are_held_have_no_velocities_to_differentiate():
     assert "velocities and moduli are left out" in data.attrs["warnings"]
 
 
-@pytest.mark.claim("sensitivities-walls")
 @pytest.mark.parametrize(
     ("sweep", "is_even"),
     [
@@ -165,6 +164,7 @@ def test_derivatives_of_cutoffs_are_those_of_as_many_branches_in_all_states(swee
             gp.Scene.from_text(text)
 
 
+@pytest.mark.claim("sensitivities-walls")
 def test_walls_at_rest_have_the_derivatives_of_whole_scenes():
     """A kind without balls has the elastic constants of its wall; one of its own has its name."""
 
