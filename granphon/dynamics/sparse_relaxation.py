@@ -158,12 +158,13 @@ class SparseRelaxation:
 
     def _set_free_motions(self, total: Any) -> None:
         """Set ``free``, as the class describes it, from the motions that the factors have set
-        aside, and set the deformations and motions of the soft ones among these, which cost a
-        little. ``total`` is that of the class.
+        aside. Set ``_soft_deformations`` (n_rows, k) and ``_soft_motions`` (n_branches, k) of the k
+        soft ones among these, which cost a little: the components of these motions are times the
+        scales of their columns, by unit deformations. ``total`` is that of the class.
         """
         from scipy.sparse import csc_array, diags_array
 
-        # the motions set aside, in units of the scale of their columns
+        # the motions set aside, each component times the scale of its column
         scaled_motions = csc_array(self._fronts.follow())
         motions = (diags_array(1.0 / self._scale) @ scaled_motions).tocsc()
         # idle motions cost nothing, and deform nothing in a wave either; all others are active
@@ -188,8 +189,8 @@ class SparseRelaxation:
         self.free: Array = _orthonormalise(with_shifts - shifts @ (shifts.T @ with_shifts))
 
     def _are_free(self, scaled_motions: Any) -> Flags:
-        """Return (k,) whether each of the sparse ``scaled_motions`` (n_branches, k), in units of
-        the scale of the columns, costs nothing.
+        """Return (k,) whether each of the sparse ``scaled_motions`` (n_branches, k), whose
+        components are times the scales of their columns, costs nothing.
         """
         lengths = np.sqrt(scaled_motions.power(2).sum(axis=0))
         sizes = np.sqrt((self._rows @ scaled_motions).power(2).sum(axis=0))  # of deformations
@@ -223,8 +224,8 @@ class SparseRelaxation:
 
     def _relax(self, deformations: Array) -> tuple[Array, Array]:
         """Return the part of the ``deformations`` (n_rows, ...) that remains, and the motions
-        (n_branches, m) that make the part that does not, in units of the scale of their columns; m
-        is the number of columns of deformations.
+        (n_branches, m) that make the part that does not, with components times the scales of their
+        columns; m is the number of columns of deformations.
         """
         remainder = deformations.reshape(len(deformations), -1)
         motions = np.zeros((len(self._scale), remainder.shape[1]))

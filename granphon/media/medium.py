@@ -159,7 +159,8 @@ class Medium(ABC, Generic[StateT]):
 
     def count_start(self, load: Load) -> float:
         """Return the cost of :meth:`require_start` at a ``load``: the number of balls of an array
-        that takes as long to come to rest; zero if no start is solved.
+        that takes as long to come to rest; zero if no start is solved. A simulation raises
+        :class:`~granphon.base.errors.InputError` for loads that it does not bear.
         """
         return 0.0
 

@@ -1613,7 +1613,7 @@ class DirectSimulation(Medium[SimulatedState]):
     def count_start(self, load: Load) -> float:
         """Return the cost of the start that :meth:`require_start` solves for a ``load``, as the
         number of balls of a quick start, at high force in the directions of the lattice, that takes
-        as long. The cost is zero if no start is solved.
+        as long. The cost is zero if no start is solved. Raises the errors of :meth:`prescribed`.
         """
         start = self._start
         if start is None:
@@ -1622,7 +1622,8 @@ class DirectSimulation(Medium[SimulatedState]):
         are_forces = [reduced_load.overlap is None for reduced_load in self.prescribed(load)]
         if all(is_force == starts_at_force for is_force in are_forces):
             return 0.0  # loads of the kind of the start are compared with it unsolved
-        # a start at a low force takes longer, and so does one in the exact geometry
+        # a start at a low force takes longer, and so does one in the exact geometry; the force of a
+        # start that is given as an overlap is not known beforehand
         slowness = 1.0 + _SLOW_FORCE / start.force if starts_at_force else 1.0
         quick_balls = self.balls * (_EXACT_TIME_RATIO if self.is_exact else 1)
         return slowness * self.samples * max(quick_balls, _LEAST_BALLS[self.is_exact])

@@ -64,7 +64,9 @@ class ContactLaw(PairLaw, Protocol):
         ...
 
     def force_fluctuation(self, overlap: ArrayLike) -> Any:
-        """Return the force fluctuation Delta f / f, without a unit, at each ``overlap``, m."""
+        """Return the force fluctuation Delta f / f, without a unit, at each ``overlap``, m: rms
+        deviation, over balls, of the mean force of their contacts from f, over f.
+        """
         ...
 
     def contact_fraction(self, overlap: ArrayLike) -> Any:

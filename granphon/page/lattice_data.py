@@ -48,7 +48,8 @@ def describe_lattice(packing: Packing, path: BandPath) -> dict[str, Any]:
 
 
 def describe_network(lattice: ContactLattice, name: str) -> dict[str, Any]:
-    """Return the data of the lattice of a network for a page, as :func:`describe_lattice` does.
+    """Return the data of the lattice of a network for a page, with the entries of
+    :func:`describe_lattice`, in the units of the ``lattice``.
 
     The network is called ``name``. Rows have ``weights``, see :func:`_list_weighted_rows`, so that
     the page takes a stiffness of 1 for each kind; each ball has its own mass and radius of

@@ -1118,7 +1118,7 @@ class _RateBound:
     def find_allowed(self, frequency: float, viscous: float, losses: Losses) -> float:
         """Return the greatest normal stiffness, N/m, with which, if all contacts have it, the bound
         of :meth:`find` is at most the ``frequency``, rad/s, and that of :meth:`find_viscous` at
-        most the rate ``viscous``, 1/s; zero if no stiffness is allowed.
+        most the rate ``viscous``, 1/s; zero if no stiffness is allowed, and infinite if each is.
 
         The square of the first bound is linear in the stiffness, and the second bound in the
         stiffness and its root. So the stiffness that each motion allows follows from the bounds of
@@ -1136,8 +1136,11 @@ class _RateBound:
         a = np.max(losses.damping) * np.max(bound)
         b = self._bound(root, root * self._per_slip)
         denominator = b + np.sqrt(b**2 + 4.0 * a * rate_room)
+        root_without_loss = 0.0 if a else math.inf  # of a motion with b and rate_room zero
         with np.errstate(divide="ignore", invalid="ignore"):
-            largest_root = np.where(denominator > 0.0, 2.0 * rate_room / denominator, math.inf)
+            largest_root = np.where(
+                denominator > 0.0, 2.0 * rate_room / denominator, root_without_loss
+            )
             largest_stiffness = np.where(bound > 0.0, square_room / bound, math.inf)
         return float(min(np.min(largest_stiffness), np.min(largest_root) ** 2))
 
