@@ -568,7 +568,7 @@ def read_curve(
 ) -> Curve:
     """Return the curve of a ``variable`` over ``x``, both names, along the load; ``index`` has an
     index in each other dimension. ``run`` names the data set in messages, and ``facts`` are those
-    of the curve.
+    of the curve. The curve is in order of ``x``, unless its loads are a path, whose order it keeps.
 
     Raises what :func:`read_values` raises.
     """
@@ -583,14 +583,14 @@ def read_curve(
     errors = select(dataset.get(f"{variable}_error", unknown_errors)).astype(float)
     served: tuple[str, ...] = ()
     medium = str(np.atleast_1d(dataset["medium"].values)[index["medium"]])
-    if medium.startswith(AutoMedium.name) and "choice" in dataset:
+    # the label tells the options of a medium, also where the data set is a part of a sweep
+    name_of_medium, options = split_label(medium)
+    if name_of_medium == AutoMedium.name and "choice" in dataset:
         served = tuple(map(str, select(dataset["choice"]).tolist()))
     labels = served or (medium,)
     is_simulated = [split_label(label)[0] == DirectSimulation.name for label in labels]
     # the data set of a fit says so itself: a fit is a line, whatever its medium
     simulated = np.asarray(dataset.attrs.get("points", is_simulated), bool)
-    media_of_sweep = json.loads(dataset.attrs.get("media", "[{}]"))  # {name: options} of each
-    options: dict[str, Any] = next(iter(media_of_sweep[index["medium"]].values()), {})
     curve = Curve(
         run=run,
         facts=facts or {},
@@ -601,7 +601,7 @@ def read_curve(
         simulated=np.broadcast_to(simulated, x_values.shape),
         served=served,
         units=(_read_unit(dataset, x), _read_unit(dataset, variable)),
-        is_path=bool(options.get("ordered")),
+        is_path=options.get("ordered") == "true",
     )
     return curve.sorted()
 

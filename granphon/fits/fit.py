@@ -92,6 +92,8 @@ _LEAST_NORM = 1e-300
 #: a minimum is reached if the step that is left is below the first number times the standard error
 #: of the parameter, plus the second, the relative precision of the search
 _REMAINING_STEP = (1e-3, 1e-9)
+#: how much wider, in relation, a width is at which is tried whether a medium refuses wider ones
+_PROBE_OF_WIDTH = 1e-2
 #: what rounding leaves between a matrix of correlations and its transpose, between its diagonal and
 #: one, and below zero of its eigenvalues
 _ROUNDING_OF_CORRELATIONS = 1e-9
@@ -1165,9 +1167,43 @@ def _find_covariance(problem: FitProblem, logs: Array) -> Array:
     scatter = max(1.0, math.sqrt(chi2 / max(problem.dof, 1)))
     of_error, of_value = _REMAINING_STEP
     is_off = np.abs(step) > of_error * scatter * errors + of_value
-    if np.any(errors > 1.0) or np.any(is_off):
+    if np.any(errors > 1.0):
         raise explain_undetermined(problem, logs, errors)
+    if np.any(is_off):
+        raise _explain_no_minimum(problem, logs, step, errors)
     return np.asarray(covariance)
+
+
+def _explain_no_minimum(problem: FitProblem, logs: Array, step: Array, errors: Array) -> InputError:
+    """Return the error that says why ``logs`` (p,) is no minimum: what
+    is said (:func:`explain_undetermined`) of velocities above those of equal balls, where the width
+    alone is fitted, or of a width beyond which there are no velocities; else that the search has
+    not ended at a minimum.
+
+    ``step`` (p,) leads to the minimum of the linear problem, and ``errors`` (p,) are the standard
+    errors; both are of logarithms, and relative therefore.
+    """
+    names = problem.model.names
+    index = problem.model.width_index
+    if names == ("width",):
+        excess_error = _explain_excess(problem, logs)
+        if excess_error is not None:
+            return excess_error
+    if index is not None and step[index] > 0.0:
+        # a search that the medium stops ends just below the widths that the medium refuses
+        wider = logs + np.where(np.arange(len(logs)) == index, _PROBE_OF_WIDTH, 0.0)
+        try:
+            problem(wider)
+        except InputError:
+            return explain_undetermined(problem, logs, errors)
+    worst = int(np.argmax(np.abs(step) / errors))
+    fault = f"the search for {' and '.join(names)} has not ended at a minimum"
+    why = (
+        f"From {names[worst]} {np.exp(logs[worst]):.4g} a linear step still changes it by"
+        f" {100.0 * step[worst]:.2g} %"
+    )
+    mend = "Give a packing nearer to the balls of the experiment, or fit fewer parameters"
+    return InputError(fault, why, mend)
 
 
 def convert_pressure(

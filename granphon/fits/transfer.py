@@ -905,8 +905,11 @@ def fit_damping(
 def _make_fit(
     comparison: _Comparison, quantity: str, warnings_of_losses: Iterable[str]
 ) -> DampingFit:
-    """Return the fit at the lowest minimum of a ``comparison`` of a response ``quantity``; its
-    warnings are those on the losses that are given, and on the fit itself.
+    """Return the fit at the lowest minimum of a ``comparison``; its warnings are those on the
+    losses that are given, and on the fit itself. ``quantity`` is the word of
+    :meth:`granphon.Waves.response` for what is compared, or "stiffness" in place of "force" if the
+    source is held. The comparison must have one degree of
+    freedom or more, or zero or more if sigma is given (:func:`_require_data`).
 
     Raises InputError as the methods of the comparison do.
     """
@@ -922,7 +925,7 @@ def _make_fit(
     covariance = comparison.find_covariance(jacobian, scatter)
     values = best.x * comparison.scale
     warnings = list(warnings_of_losses)
-    if sigma_given or not dof:
+    if sigma_given:
         warnings += judge_residuals(chi2, dof, len(names))
     warnings += _judge_errors(names, values, np.sqrt(np.diag(covariance)))
     if "on_site" in names and model.pressed is None:

@@ -365,8 +365,8 @@ def _record_spectra(
     files, along the path of the ``settings``, by name, and the functions by polarisation.
 
     ``lines`` (polarisations, 3, n) holds the peak, Hz, the width, Hz, and whether the line is
-    resolved, at n wave vectors; ``wavenumber`` (n,), ``path_corners`` and ``path_distance`` (n,)
-    are in 1/m.
+    resolved, at n wave vectors; ``wavenumber`` (n,), ``path_distance`` (n,) and ``path_corners``
+    (m,), of m corners, are in 1/m.
     """
     spectrum = settings.spectrum
     assert spectrum is not None
@@ -1081,8 +1081,12 @@ def _average_densities(
 def _average_spectra(
     records: Sequence[Record], settings: WaveSettings
 ) -> tuple[dict[str, Array], list[str]]:
-    """Return the observables of the mean lines of plane waves, (polarisations, n) at n wave
-    vectors, by name, and notes.
+    """Return the observables of the mean lines of plane waves by name, and notes. Those of lines
+    are (polarisations, n) at n wave vectors; ``path_distance`` and ``wavenumber`` are (n,),
+    ``path_corners`` is (m,), of m corners, and ``ioffe_regel_*`` and their errors are scalars ().
+
+    The path and the wave numbers are those of the first sample: in exact geometry those of other
+    samples differ by their cells.
 
     Peaks and widths, Hz, are averaged over samples, and the other observables are found from their
     means; ``line_resolved`` is the part of the samples whose line is resolved. Several samples have

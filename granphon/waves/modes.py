@@ -1084,7 +1084,8 @@ class NetworkModes(Result):
         change by the same factor as k. The shares of a mode add up to one less the share of springs
         to the ground and, with ``prestress``, less that of static forces. Where contacts are
         pressed, the energy of static forces is below zero, so that the shares may add up to more
-        than one.
+        than one. As in :attr:`sensitivities`, modes whose frequencies agree to 1e-8 all get the
+        mean of their shares.
         """
         network = self.network
         derivatives = self.sensitivities

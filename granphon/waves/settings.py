@@ -524,7 +524,12 @@ class EdgeSettings(Block, kw_only=True):
 
     def list_walls(self, kinds: Mapping[str, Ball]) -> dict[str, Wall]:
         """Return the walls at the edges by their names, such as "response.wall"; ``kinds`` are the
-        kinds of balls, after whose materials walls may be made.
+        kinds of balls, after whose materials walls may be made. Two walls of one material are one
+        entry, unless the later has another name of its own.
+
+        Raises :class:`InputError` for the material of a kind that there is not, and for a name that
+        a kind, the floor, or a wall of another material has
+        (:func:`~granphon.balls.ball.name_walls`).
         """
         walls = [edge for edge in name_walls(self.edges, kinds, ()) if isinstance(edge, Wall)]
         return {f"{self.block}.{wall.name}": wall for wall in walls}
@@ -565,8 +570,10 @@ def require_walls(
     names: Iterable[str], settings: Sequence[Block | None], kinds: Mapping[str, Ball]
 ) -> None:
     """Raise :class:`InputError` if one of the swept parameters, of these ``names``, is that of a
-    wall which stands at no edge of the ``settings`` of observed results; ``kinds`` are the kinds of
-    balls, after whose materials walls may be made.
+    wall which stands at no edge of the ``settings`` of observed results, or for what
+    :meth:`EdgeSettings.list_walls` raises, which also says when two walls are one; ``kinds`` are
+    the kinds of balls, after whose materials walls may be made. If none of the ``names`` is that of
+    a parameter of a wall, nothing is raised.
     """
     wall_parameters = list(filter(is_of_wall, names))
     if not wall_parameters:

@@ -26,6 +26,7 @@ from granphon.figures.curves import (
     make_looks,
     plot_sweep,
     plot_together,
+    read_curve,
 )
 from granphon.figures.words import describe_medium, join_facts
 from granphon.fits.fit import fit_width
@@ -112,6 +113,34 @@ def test_a_run_of_one_curve_stands_below_the_heading_that_it_shares(steel, glass
         "simulation, 2 samples of 4 x 4 balls",
     ]
     assert "E = 70 GPa, ν = 0.22, ρ = 2500 kg/m³, effective medium" in texts(ax)[:-4]
+
+
+@pytest.mark.slow
+def test_a_medium_of_a_sweep_is_drawn_as_it_is_alone():
+    history = {
+        "shape": (4, 4),
+        "friction_history": True,
+        "friction_coefficient": 0.2,
+        "ordered": True,
+        "step_tolerance": 1.0,
+    }
+    media = ["ema", {"simulation": history}]
+    both = gp.sweep(balls(), force=[2.0, 8.0, 5.0], media=media)
+    for number, medium in enumerate(media):
+        curves = [
+            read_curve(both.isel(medium=[number]), "longitudinal", "force", {"medium": 0}),
+            read_curve(both, "longitudinal", "force", {"medium": number}),
+            read_curve(
+                gp.sweep(balls(), force=[2.0, 8.0, 5.0], media=[medium]),
+                "longitudinal",
+                "force",
+                {"medium": 0},
+            ),
+        ]
+        assert [curve.is_path for curve in curves] == [bool(number)] * 3
+        for curve in curves:
+            assert_array_equal(curve.x, [2.0, 8.0, 5.0] if number else [2.0, 5.0, 8.0])
+            assert_array_equal(curve.y, curves[0].y)
 
 
 def test_names_and_results_of_another_kind_are_told(steel, ax):

@@ -23,7 +23,9 @@ from granphon.balls.packing import change_packing
 from granphon.base.errors import FileExistsInRunError, InputError, UnreachableFrequencyError
 from granphon.base.text import plain_yaml
 from granphon.fits.fit import (
+    FitProblem,
     WidthFit,
+    _find_covariance,
     compute_leverages,
     convert_pressure,
     find_rounding,
@@ -668,6 +670,18 @@ def test_a_sigma_far_below_the_scatter_is_accepted_as_the_minimum_is_found():
         fit_width(BALLS, FORCE, noisy, 1e-10)
     with pytest.raises(InputError, match=r"sigma .*large"):
         fit_width(BALLS, FORCE, noisy, 1e16)
+
+
+@pytest.mark.parametrize("name", ["young_modulus", "width"])
+def test_a_place_off_the_minimum_is_not_blamed_on_the_data(name):
+    waves = fit_width(BALLS, FORCE, EXACT["ema"], 5.0).waves
+    model = VelocityModel(TRUE, (name,), MediumChoice("ema"), FORCE, waves)
+    problem = FitProblem.of(model, Measurements(FORCE, EXACT["ema"], 5.0))
+    minimum = np.log([TRUE.width if name == "width" else STEEL.young_modulus])
+    assert _find_covariance(problem, minimum).shape == (1, 1)
+    for factor in (0.9, 1.1):
+        with pytest.raises(InputError, match=f"search for {name} has not ended at a minimum"):
+            _find_covariance(problem, minimum + np.log(factor))
 
 
 @pytest.mark.parametrize("speeds", [[480.0] * 3, [480.123456] * 3, [480.0, 480.0, 480.0 + 1e-12]])
