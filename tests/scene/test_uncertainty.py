@@ -656,6 +656,7 @@ def test_figures_of_arrays_have_bands_of_errors_also_when_they_are_drawn_again(t
 
 
 @pytest.mark.claim("errors-files")
+@pytest.mark.slow
 def test_contacts_of_a_motion_have_errors_in_their_table(tmp_path):
     result = gp.Scene.from_text(HIT).run(tmp_path, figures=False)
     table = np.genfromtxt(tmp_path / "motion_contacts.csv", delimiter=",", names=True)
@@ -724,6 +725,7 @@ def test_waves_of_an_edge_have_errors_where_their_number_stays():
 
 
 @pytest.mark.claim("errors-edges")
+@pytest.mark.slow
 def test_waves_of_an_edge_have_the_error_of_their_derivative(tmp_path):
     """The end of the chain has a wave where its ball is the lighter one, here not within the whole
     error: at one end of the error there is none.

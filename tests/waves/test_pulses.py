@@ -1202,7 +1202,7 @@ def test_correlation_at_the_first_shift_says_that_the_signal_comes_too_early():
 @pytest.mark.parametrize(
     "losses",
     [
-        {"damping": (1.0 / HERTZ, 0.0)},
+        pytest.param({"damping": (1.0 / HERTZ, 0.0)}, marks=pytest.mark.slow),
         {"damping": (1e-3 / HERTZ, 0.0)},
         {"drag": (3.0 * HERTZ, 0.0)},
     ],
