@@ -385,12 +385,19 @@ def test_waves_of_an_edge_have_a_table_a_panel_and_a_cost(tmp_path):
     assert result.summary()["matters_most"]["surface_frequency 0"] == "A.diameter"
     titles = [ax.get_title() for ax in sensitivities_figure(result.dataset).axes]
     assert sum("wave\N{NO-BREAK SPACE}0" in title for title in titles) == 1
-    again = scene.run(tmp_path / "out", resume=True, figures=False)
-    assert again.dataset.identical(result.dataset)
     (*_, (_, _, cost)) = scene.plan.parts
     (*_, (_, _, without)) = gp.Scene.from_text(text.replace("OBSERVE", "sensitivities")).plan.parts
     assert len(cost.units) == len(without.units) + 1
     assert cost.seconds > without.seconds
+
+
+@pytest.mark.slow
+def test_derivatives_of_waves_of_an_edge_are_resumed(tmp_path):
+    text = EDGE.replace("FORCE", "2 N").replace("DENSITY", "2.7 g/cm^3")
+    scene = gp.Scene.from_text(text.replace("OBSERVE", "sensitivities, surface"))
+    result = scene.run(tmp_path / "out", figures=False)
+    again = scene.run(tmp_path / "out", resume=True, figures=False)
+    assert again.dataset.identical(result.dataset)
 
 
 @pytest.mark.slow
