@@ -1175,10 +1175,9 @@ def _find_covariance(problem: FitProblem, logs: Array) -> Array:
 
 
 def _explain_no_minimum(problem: FitProblem, logs: Array, step: Array, errors: Array) -> InputError:
-    """Return the error that says why ``logs`` (p,) is no minimum: what
-    is said (:func:`explain_undetermined`) of velocities above those of equal balls, where the width
-    alone is fitted, or of a width beyond which there are no velocities; else that the search has
-    not ended at a minimum.
+    """Return the error that says why ``logs`` (p,) is no minimum: that of velocities above those of
+    equal balls, where the width alone is fitted; that of :func:`explain_undetermined`, where the
+    medium refuses wider widths; else that the search has not ended at a minimum.
 
     ``step`` (p,) leads to the minimum of the linear problem, and ``errors`` (p,) are the standard
     errors; both are of logarithms, and relative therefore.

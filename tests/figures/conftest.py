@@ -6,6 +6,15 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
+#: a small simulation along a path of loads
+PATH = {
+    "shape": (4, 4),
+    "friction_history": True,
+    "friction_coefficient": 0.2,
+    "ordered": True,
+    "step_tolerance": 1.0,
+}
+
 
 @pytest.fixture
 def ax():

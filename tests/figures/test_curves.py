@@ -34,7 +34,7 @@ from granphon.fits.measurements import Measurements
 from granphon.media.choice import MediumChoice
 from granphon.scene.redraw import draw_together, read_run
 from granphon.scene.scene import Scene
-from tests.figures.conftest import drawn
+from tests.figures.conftest import PATH, drawn
 
 STEEL = gp.Material(211.65e9, 0.276, 7840.0)
 GLASS = gp.Material(70e9, 0.22, 2500.0)
@@ -117,14 +117,7 @@ def test_a_run_of_one_curve_stands_below_the_heading_that_it_shares(steel, glass
 
 @pytest.mark.slow
 def test_a_medium_of_a_sweep_is_drawn_as_it_is_alone():
-    history = {
-        "shape": (4, 4),
-        "friction_history": True,
-        "friction_coefficient": 0.2,
-        "ordered": True,
-        "step_tolerance": 1.0,
-    }
-    media = ["ema", {"simulation": history}]
+    media = ["ema", {"simulation": PATH}]
     both = gp.sweep(balls(), force=[2.0, 8.0, 5.0], media=media)
     for number, medium in enumerate(media):
         curves = [

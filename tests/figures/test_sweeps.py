@@ -19,7 +19,7 @@ from granphon.figures.gaps import cutoffs_figure
 from granphon.figures.waves import _draw_decibel_map, _find_decibels
 from granphon.figures.words import describe_parameter, write_value
 from granphon.runs.sweep import sweep
-from tests.figures.conftest import drawn, texts
+from tests.figures.conftest import PATH, drawn, texts
 
 STEEL = gp.Material(211.65e9, 0.276, 7840.0)
 PACKING = gp.Packing(STEEL, 8e-3, gp.Uniform(2.04e-6))
@@ -307,14 +307,7 @@ def test_the_axis_of_a_sweep_is_the_load_that_was_given(load, label):
 
 @pytest.mark.slow
 def test_names_of_a_path_stand_beside_the_right_ends_of_its_lines():
-    history = {
-        "shape": (4, 4),
-        "friction_history": True,
-        "friction_coefficient": 0.2,
-        "ordered": True,
-        "step_tolerance": 1.0,
-    }
-    data = sweep(PACKING, force=[2.0, 8.0, 5.0], media=[{"simulation": history}])
+    data = sweep(PACKING, force=[2.0, 8.0, 5.0], media=[{"simulation": PATH}])
     upper, _ = sweep_figure(data).axes
     heights = {text.get_text(): text.xy[1] for text in upper.texts}
     greatest = data.isel(load=int(np.argmax(data["force"].values)), medium=0)
