@@ -164,32 +164,43 @@ def test_derivatives_of_cutoffs_are_those_of_as_many_branches_in_all_states(swee
             gp.Scene.from_text(text)
 
 
-@pytest.mark.claim("sensitivities-walls")
-def test_walls_at_rest_have_the_derivatives_of_whole_scenes():
+def sweep_between_walls(modulus=600.0, ratio=0.3, of_own=70.0, observe="cutoffs"):
+    walls = WALLS.replace("70 GPa", f"{of_own!r} GPa")
+    text = ROW.replace("EDGES", walls).replace("sensitivities, cutoffs", observe)
+    return sweep(text.replace("MODULUS", f"{modulus!r} GPa").replace("RATIO", repr(ratio)))
+
+
+@pytest.fixture(scope="module")
+def table_between_walls():
+    data = sweep_between_walls(observe="sensitivities, cutoffs")
+    return data["sensitivity"].sel(medium="crystal").squeeze("load")
+
+
+def test_walls_have_the_names_of_their_kinds_or_their_own(table_between_walls):
     """A kind without balls has the elastic constants of its wall; one of its own has its name."""
-
-    def make(modulus=600.0, ratio=0.3, of_own=70.0, observe="cutoffs"):
-        walls = WALLS.replace("70 GPa", f"{of_own!r} GPa")
-        text = ROW.replace("EDGES", walls).replace("sensitivities, cutoffs", observe)
-        return text.replace("MODULUS", f"{modulus!r} GPa").replace("RATIO", repr(ratio))
-
-    data = sweep(make(observe="sensitivities, cutoffs"))
-    found = data["sensitivity"].sel(medium="crystal").squeeze("load")
-    ends = [name for name in found["sensitivity_of"].values if "upper" in name]
     names = ["A.young_modulus", "A.poisson_ratio", "wall_2.young_modulus", "wall_2.poisson_ratio"]
-    assert [name for name in found["sensitivity_to"].values if name[0] in "Aw"] == names
-    for name, key, value in (
+    found = table_between_walls["sensitivity_to"].values
+    assert [name for name in found if name[0] in "Aw"] == names
+
+
+@pytest.mark.claim("sensitivities-walls")
+@pytest.mark.parametrize(
+    ("name", "key", "value"),
+    [
         ("A.young_modulus", "modulus", 600.0),
         ("A.poisson_ratio", "ratio", 0.3),
         ("wall_2.young_modulus", "of_own", 70.0),
-    ):
-        step = 1e-4
-        tops = [
-            np.log(sweep(make(**{key: value * (1.0 + sign * step)}))["cutoff_upper"].values.ravel())
-            for sign in (-1.0, 1.0)
-        ]
-        slopes = (tops[1] - tops[0]) / (2.0 * step)
-        assert_allclose(found.sel(sensitivity_to=name, sensitivity_of=ends), slopes, rtol=1e-6)
+    ],
+)
+def test_walls_at_rest_have_the_derivatives_of_whole_scenes(table_between_walls, name, key, value):
+    ends = [end for end in table_between_walls["sensitivity_of"].values if "upper" in end]
+    found = table_between_walls.sel(sensitivity_to=name, sensitivity_of=ends)
+    step = 1e-4
+    lower, upper = (
+        np.log(sweep_between_walls(**{key: value * (1.0 + sign * step)})["cutoff_upper"].values)
+        for sign in (-1.0, 1.0)
+    )
+    assert_allclose(found, (upper - lower).ravel() / (2.0 * step), rtol=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -318,9 +329,25 @@ def tabulate_edge(text):
     return sweep(text, MODULUS="600 GPa", **words)["sensitivity"].squeeze()
 
 
+@pytest.fixture(scope="module")
+def table_at_kind():
+    return tabulate_edge(AT_KIND)
+
+
+def make_edge_scene(observe):
+    text = EDGE.replace("FORCE", "8 N").replace("DENSITY", "2.7 g/cm^3")
+    return gp.Scene.from_text(text.replace("OBSERVE", observe))
+
+
+@pytest.fixture(scope="module")
+def edge_result(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("edge") / "out"
+    return make_edge_scene("sensitivities, surface").run(folder, figures=False)
+
+
 @pytest.mark.claim("sensitivities-edge-scenes")
-def test_waves_at_a_wall_of_another_kind_have_the_derivatives_of_whole_scenes():
-    found = tabulate_edge(AT_KIND).sel(sensitivity_of="surface_frequency 0")
+def test_waves_at_a_wall_of_another_kind_have_the_derivatives_of_whole_scenes(table_at_kind):
+    found = table_at_kind.sel(sensitivity_of="surface_frequency 0")
     powers = find_power(AT_KIND, "MODULUS", 600.0, "GPa").ravel()
     assert_allclose(found.sel(sensitivity_to="W.young_modulus"), powers, rtol=1e-6)
     moduli = [f"{owner}.young_modulus" for owner in "ABW"]
@@ -330,22 +357,23 @@ def test_waves_at_a_wall_of_another_kind_have_the_derivatives_of_whole_scenes():
 
 @pytest.mark.slow
 @pytest.mark.claim("sensitivities-edge-scenes")
-def test_waves_at_a_wall_of_a_material_of_its_own_have_the_derivatives_of_one_of_a_kind():
-    of_kind = tabulate_edge(AT_KIND)
+def test_waves_at_a_wall_of_a_material_of_its_own_have_the_derivatives_of_one_of_a_kind(
+    table_at_kind,
+):
     of_material = tabulate_edge(AT_MATERIAL)
     for parameter in ("young_modulus", "poisson_ratio"):
-        by_kind = of_kind.sel(sensitivity_to=f"W.{parameter}")
+        by_kind = table_at_kind.sel(sensitivity_to=f"W.{parameter}")
         by_own = of_material.sel(sensitivity_to=f"surface.wall.{parameter}")
         assert_allclose(by_own.values, by_kind.values, rtol=1e-7)
         assert not np.any(by_own.sel(sensitivity_of="longitudinal"))
 
 
 @pytest.mark.claim("sensitivities-edge-scenes")
-def test_waves_of_an_edge_have_the_derivatives_of_whole_scenes():
+def test_waves_of_an_edge_have_the_derivatives_of_whole_scenes(edge_result):
     """The wall is of the material of a kind of balls, and changes with that material."""
-    words = {"FORCE": "8 N", "DENSITY": "2.7 g/cm^3"}
-    data = sweep(EDGE, OBSERVE="sensitivities, surface", **words)
-    found = data["sensitivity"].sel(sensitivity_of="surface_frequency 0", medium="crystal")
+    found = edge_result.dataset["sensitivity"].sel(
+        sensitivity_of="surface_frequency 0", medium="crystal"
+    )
     assert_allclose(found.sel(sensitivity_to="force"), 1.0 / 6.0, rtol=1e-8)
     stiffer = EDGE.replace("73.5 GPa", "MODULUS").replace("DENSITY", "2.7 g/cm^3")
     by_modulus = find_power(stiffer, "MODULUS", 73.5, "GPa").ravel()
@@ -376,28 +404,21 @@ def test_waves_of_an_edge_in_the_plane_are_at_the_corners_of_its_path():
     )
 
 
-def test_waves_of_an_edge_have_a_table_a_panel_and_a_cost(tmp_path):
-    text = EDGE.replace("FORCE", "2 N").replace("DENSITY", "2.7 g/cm^3")
-    scene = gp.Scene.from_text(text.replace("OBSERVE", "sensitivities, surface"))
-    result = scene.run(tmp_path / "out", figures=False)
-    table = (result.folder / "sensitivities.csv").read_text(encoding="utf-8")
-    assert table.count("surface_frequency 0") == result.dataset.sizes["sensitivity_to"]
-    assert result.summary()["matters_most"]["surface_frequency 0"] == "A.diameter"
-    titles = [ax.get_title() for ax in sensitivities_figure(result.dataset).axes]
+def test_waves_of_an_edge_have_a_table_a_panel_and_a_cost(edge_result):
+    table = (edge_result.folder / "sensitivities.csv").read_text(encoding="utf-8")
+    assert table.count("surface_frequency 0") == edge_result.dataset.sizes["sensitivity_to"]
+    assert edge_result.summary()["matters_most"]["surface_frequency 0"] == "A.diameter"
+    titles = [ax.get_title() for ax in sensitivities_figure(edge_result.dataset).axes]
     assert sum("wave\N{NO-BREAK SPACE}0" in title for title in titles) == 1
-    (*_, (_, _, cost)) = scene.plan.parts
-    (*_, (_, _, without)) = gp.Scene.from_text(text.replace("OBSERVE", "sensitivities")).plan.parts
+    (*_, (_, _, cost)) = edge_result.scene.plan.parts
+    (*_, (_, _, without)) = make_edge_scene("sensitivities").plan.parts
     assert len(cost.units) == len(without.units) + 1
     assert cost.seconds > without.seconds
 
 
-@pytest.mark.slow
-def test_derivatives_of_waves_of_an_edge_are_resumed(tmp_path):
-    text = EDGE.replace("FORCE", "2 N").replace("DENSITY", "2.7 g/cm^3")
-    scene = gp.Scene.from_text(text.replace("OBSERVE", "sensitivities, surface"))
-    result = scene.run(tmp_path / "out", figures=False)
-    again = scene.run(tmp_path / "out", resume=True, figures=False)
-    assert again.dataset.identical(result.dataset)
+def test_derivatives_of_waves_of_an_edge_are_resumed(edge_result):
+    again = edge_result.scene.run(edge_result.folder, resume=True, figures=False)
+    assert again.dataset.identical(edge_result.dataset)
 
 
 @pytest.mark.slow
