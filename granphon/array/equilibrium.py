@@ -33,6 +33,7 @@ from granphon.base.arrays import Array, Flags
 from granphon.base.errors import ConvergenceError, InputError
 from granphon.base.results import Result, held, result_class
 from granphon.contacts import grid_loops
+from granphon.contacts.assembly import ROUNDING
 from granphon.contacts.contact_list import ContactList
 from granphon.contacts.grid import find_lattice_grid
 from granphon.contacts.tangent import unit_strains
@@ -291,6 +292,10 @@ class Equilibrium(Result):
             gain = change * (stiffness - _find_uniform_part(stiffness))
         iteration = self._iterate(stiffness)
         forces = iteration.collect(gain.reshape(len(gain), -1))
+        if np.max(np.abs(forces)) <= ROUNDING * np.max(np.abs(gain)):
+            # the gains balance: near the threshold, what is left of them would be searched in vain
+            # for motions of balls that hardly anything holds
+            return change * np.ones_like(stiffness)
         motions = GridResponse(iteration).find_motions(forces[..., None])[..., 0]
         return np.asarray(change - iteration.measure(motions).reshape(stiffness.shape))
 

@@ -145,6 +145,18 @@ def test_steps_at_low_loads_in_space(side, most):
 # -- factors of the contacts that are closed -------------------------------------------------------
 
 
+def test_where_forces_against_an_even_strain_are_rounding_balls_keep_their_places():
+    """In a thin column of fcc few contacts carry the load, along straight rows."""
+    steel = gp.Material(211.65e9, 0.276, 7840.0)
+    packing = gp.Packing(steel, 8e-3, gp.Uniform(2e-6), lattice="fcc")
+    simulation = gp.DirectSimulation(packing, (1, 3, 40), seed=1, geometry="lattice")
+    loads = packing.law.force(packing.width) * np.array([1.0, 1e-2, 2e-3])
+    state = simulation.at_force(loads).sample[-1].equilibrium
+    assert np.mean(state.carries) < 0.1
+    np.testing.assert_allclose(state.response(), 1.0, atol=1e-9)
+    np.testing.assert_allclose(state.stiffness, np.mean(state.stiffnesses), rtol=1e-9)
+
+
 @pytest.mark.parametrize("eta", [0.0, ETA])
 def test_linear_response_where_half_of_the_contacts_are_open(eta):
     state = bring_to_rest(balls((12, 11), 4), ReducedLoad(overlap=-0.12))
